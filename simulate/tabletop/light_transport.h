@@ -1,13 +1,111 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Core>
 #include <cstdint>
 #include <memory>
 #include <vector>
 
+#include "core/light/light_map.h"
 #include "simulate/tabletop/scene.h"
-#include "simulate/tabletop/transport_row.h"
 
 namespace refield {
+
+/// The boxes that traced transport is made of: squares of 1, 2, 4, ... texels on a fixed grid over the light
+/// map, those at its right and lower edge cut off there. Level 0 holds single texels; on the coarsest level
+/// squares are no larger than a sixteenth of the map's width.
+class LightHierarchy {
+ public:
+  explicit LightHierarchy(const LightDomain& domain);
+
+  const LightDomain& domain() const { return domain_; }
+  int coarsest_level() const { return static_cast<int>(levels_.size()) - 1; }
+  int columns(int level) const { return levels_[level].columns; }
+  int rows(int level) const { return levels_[level].rows; }
+  /// Number of squares on all levels; they are numbered from 0, level by level.
+  std::uint32_t size() const { return size_; }
+  std::uint32_t node(int level, int column, int row) const {
+    return levels_[level].first + static_cast<std::uint32_t>(row) * levels_[level].columns + column;
+  }
+  std::uint32_t node_of_texel(int level, int x, int y) const { return node(level, x >> level, y >> level); }
+  Box box(int level, int column, int row) const;
+  Box box(std::uint32_t node) const;
+
+ private:
+  struct Level {
+    std::uint32_t first;
+    int columns, rows;
+  };
+  LightDomain domain_;
+  std::vector<Level> levels_;
+  std::uint32_t size_ = 0;
+};
+
+/// One box of a pixel's row of T: the weights multiply the *sum* of the texel values in the box.
+struct TransportEntry {
+  std::uint32_t node;  ///< of the LightHierarchy
+  float weight[3];
+};
+
+/// Gathers one row of T at a time, from any number of contributions in any order.
+class TransportRow {
+ public:
+  explicit TransportRow(const LightHierarchy& hierarchy);
+
+  /// Adds weight · (sum of the node's texels) to the pixel.
+  void add(std::uint32_t node, const Rgb& weight) {
+    if (!is_touched_[node]) {
+      is_touched_[node] = 1;
+      touched_.push_back(node);
+    }
+    sum_[node] += weight;
+  }
+  /// Adds weight · (mean of the node's texels).
+  void add_mean(std::uint32_t node, const Rgb& weight) {
+    add(node, weight / static_cast<float>(hierarchy_->box(node).area()));
+  }
+
+  /// The row, by ascending nodes, and an empty accumulator. Entries with less than 1e-5 of the pixel's light
+  /// are dropped and the others scaled up, a channel each, so that the pixel under white light stays what it
+  /// was.
+  std::vector<TransportEntry> take();
+
+ private:
+  const LightHierarchy* hierarchy_;
+  std::vector<Rgb> sum_;  // [nodes], zero outside `touched_`
+  std::vector<std::uint32_t> touched_;
+  std::vector<char> is_touched_;
+};
+
+/// What one pixel sees of the monitor by way of mirrors and glass alone.
+///
+/// A pixel's samples, one a cell of a grid, meet the monitor at points; the pixel sees all that lies between
+/// them. So each sample stands for the area up to halfway to its neighbours, as ray differentials do (Igehy
+/// 1999): points would leave gaps wherever a curved mirror spreads a pixel over more texels than it has
+/// samples.
+class SpecularFootprints {
+ public:
+  void clear() { samples_.clear(); }
+
+  /// A sample of grid cell (i, j) that reached the monitor at `position` (column, row, in texels). `path`
+  /// tells reflections from refractions on the way: only samples of the same path are neighbours.
+  void add(int i, int j, std::uint32_t path, const Eigen::Vector2f& position, const Rgb& throughput) {
+    samples_.push_back({i, j, path, position, throughput});
+  }
+
+  /// Spreads every sample over its footprint, an upright rectangle cut off at the monitor's rim. Nothing is
+  /// lost.
+  void deposit(const LightHierarchy& hierarchy, TransportRow& row) const;
+
+ private:
+  struct Sample {
+    int i, j;
+    std::uint32_t path;
+    Eigen::Vector2f position;
+    Rgb throughput;
+  };
+  Eigen::Vector2f extent(const Sample& sample) const;
+  std::vector<Sample> samples_;
+};
 
 /// How much work tracing may spend.
 struct TraceOptions {

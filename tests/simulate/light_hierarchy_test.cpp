@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/tabletop/transport_row.h"
+#include "simulate/tabletop/light_transport.h"
 
 #include <gtest/gtest.h>
 
