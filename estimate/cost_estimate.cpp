@@ -256,7 +256,8 @@ struct FitSample {
       if (count == 0) continue;
       const auto before = Clock::now();
       Progress within(run, "fit", 1);  // not shown: another is
-      estimate_band({table, band, rows, job.session.height, chosen, options, nullptr, texels, &job.noise},
+      estimate_band({table, band, rows, job.session.height, chosen, options, job.mean_square, nullptr, texels,
+                     &job.noise},
                     workers, within, run);
       seconds += seconds_since(before);
       pixels += count;
@@ -298,9 +299,7 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
   }
 
   const Work work = work_of(job, options, cost.plan);
-  EstimateOptions fitting = options;
-  fitting.mean_square = job.mean_square;
-  FitSample sample{job, fitting, table, texels ? &*texels : nullptr};
+  FitSample sample{job, options, table, texels ? &*texels : nullptr};
   double reading = 0.0;
   double rows_read = 0.0;
   const auto bands = bands_to_sample(cost.plan.rows);

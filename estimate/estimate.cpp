@@ -44,9 +44,8 @@ struct BandsDone {
 
 /// Estimates all bands that `find` does not already have, handing each to `keep`.
 template <class Find, class Keep>
-BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const EstimatePlan& plan, Find find,
-                         Keep keep, const RunContext& run) {
-  options.mean_square = job.mean_square;
+BandsDone estimate_bands(const EstimateJob& job, const EstimateOptions& options, const EstimatePlan& plan,
+                         Find find, Keep keep, const RunContext& run) {
   const int width = job.session.width;
   const int height = job.session.height;
   FitWorkers workers;
@@ -79,8 +78,8 @@ BandsDone estimate_bands(const EstimateJob& job, EstimateOptions options, const 
       band = read_observations(job.frames, width, held.first, held.last, options.clip_level, run);
       if (lights->weighs_images()) band->weight_images(job.noise.image_weights);
     }
-    keep(rows, estimate_band({lights->table(), *band, rows, height, job.mask, options, job.refinement.get(),
-                              lights->texels(), &job.noise},
+    keep(rows, estimate_band({lights->table(), *band, rows, height, job.mask, options, job.mean_square,
+                              job.refinement.get(), lights->texels(), &job.noise},
                              workers, progress, run));
   }
   const auto resumed = static_cast<int>(bands.size() - missing.size());

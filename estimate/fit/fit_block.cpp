@@ -136,14 +136,14 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
   return hat_grid_for(domain, std::min(options.max_kernels(), images));
 }
 
-BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options,
+BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options, double mean_square,
                        std::shared_ptr<const TexelRegression> texels)
     : smooth_(table), cache_(table, smooth_, options.mode), texels_(std::move(texels)) {
   if (options.mode == EstimateMode::refined)
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
                    std::min(options.max_kernels(), std::max(table.images(), table.hats().count() + 5)),
-                   options.mean_square);
+                   mean_square);
   else
     pixel_.emplace(cache_, options);
 }

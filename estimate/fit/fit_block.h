@@ -161,8 +161,9 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
 /// that a thread keeps between blocks.
 class BlockModel {
  public:
-  /// `texels`: what refined mode chooses from beside rectangles; null for light with many degrees of freedom.
-  BlockModel(const BoxTable& table, const EstimateOptions& options,
+  /// `mean_square`: see BlockFitter. `texels`: what refined mode chooses from beside rectangles; null for
+  /// light with many degrees of freedom.
+  BlockModel(const BoxTable& table, const EstimateOptions& options, double mean_square,
              std::shared_ptr<const TexelRegression> texels = nullptr);
 
   KernelCache& cache() { return cache_; }

@@ -108,7 +108,7 @@ class BandEstimator {
     const bool pools = input_.noise && input_.options.mode == EstimateMode::refined &&
                        !(input_.texels && input_.texels->of_all());
     if (!own)
-      own = std::make_unique<FitWorker>(input_.table, input_.options, input_.texels,
+      own = std::make_unique<FitWorker>(input_.table, input_.options, input_.mean_square, input_.texels,
                                         pools ? *input_.noise : NoiseModel{});
     own->model.cache().keep_within(cache_limit_bytes);
     return *own;

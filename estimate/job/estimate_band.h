@@ -19,11 +19,11 @@ namespace refield {
 
 /// What each thread keeps between pixels.
 struct FitWorker {
-  FitWorker(const BoxTable& table, const EstimateOptions& options, TexelRegressions* texels = nullptr,
-            NoiseModel noise = {})
-      : model(table, options, texels ? texels->of_all() : nullptr),
+  FitWorker(const BoxTable& table, const EstimateOptions& options, double mean_square,
+            TexelRegressions* texels = nullptr, NoiseModel noise = {})
+      : model(table, options, mean_square, texels ? texels->of_all() : nullptr),
         weights(table),
-        evaluator(table, options, texels),
+        evaluator(table, options, mean_square, texels),
         pool(std::move(noise), table.images()) {}
   BlockModel model;
   WeightFitter weights;
@@ -53,6 +53,7 @@ struct BandInput {
   int height = 0;    ///< of the picture
   const Mask& mask;  ///< [height × width of the band] or empty
   const EstimateOptions& options;
+  double mean_square = 0.0;                ///< see BlockFitter
   const Refinement* refinement = nullptr;  ///< pixels start from its field's kernels, if any
   TexelRegressions* texels = nullptr;      ///< see BlockModel; null: rectangles alone
   const NoiseModel* noise = nullptr;       ///< refined mode pools samples accordingly; null: it does not

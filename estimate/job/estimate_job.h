@@ -34,7 +34,7 @@ struct EstimateJob {
   RowRange rows;  ///< of the picture, to be estimated
   std::vector<CaptureFrame> references;
   Drift drift;                        ///< what reference frames show; removed where significant
-  double mean_square = 0.0;           ///< of the photographs' samples, see EstimateOptions::mean_square
+  double mean_square = 0.0;           ///< of the photographs' samples, see BlockFitter
   NoiseModel noise;                   ///< of the photographs, measured by check_frames()
   RigModel rig;                       ///< what the frames are corrected for
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out

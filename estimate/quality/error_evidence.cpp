@@ -209,10 +209,10 @@ std::optional<double> ErrorEvaluator::expected_error(const PixelKernels& kernels
 }
 
 ErrorEvaluator::Part::Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,
-                           TexelRegressions* texels)
+                           double mean_square, TexelRegressions* texels)
     : seen(std::move(seen_images)),
       table(all.subset(seen)),
-      model(table, options, texels ? texels->of_part(seen) : nullptr) {}
+      model(table, options, mean_square, texels ? texels->of_part(seen) : nullptr) {}
 
 ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
   auto& found = parts_[{fold, folds, alone ? 1 : 0}];
@@ -221,7 +221,7 @@ ErrorEvaluator::Part& ErrorEvaluator::part(int fold, int folds, bool alone) {
     std::vector<int> seen;
     for (int j = 0; j < images_; ++j)
       if ((group[j] % folds == fold) == alone) seen.push_back(j);
-    found = std::make_unique<Part>(table_, std::move(seen), options_, texels_);
+    found = std::make_unique<Part>(table_, std::move(seen), options_, mean_square_, texels_);
   }
   return *found;
 }

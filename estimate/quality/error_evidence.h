@@ -35,10 +35,12 @@ double share_of_cross_validation(const BoxTable& table);
 /// weighted fit where the table's images have weights; all errors are of samples without them.
 class ErrorEvaluator {
  public:
-  /// `texels`: see BlockModel; null for none.
-  ErrorEvaluator(const BoxTable& table, const EstimateOptions& options, TexelRegressions* texels = nullptr)
+  /// `mean_square`, `texels`: see BlockModel; null for none.
+  ErrorEvaluator(const BoxTable& table, const EstimateOptions& options, double mean_square = 0.0,
+                 TexelRegressions* texels = nullptr)
       : table_(table),
         options_(options),
+        mean_square_(mean_square),
         texels_(texels),
         images_(table.images()),
         stride_(table.stride()),
@@ -79,7 +81,7 @@ class ErrorEvaluator {
   /// A fit to some of the images.
   struct Part {
     Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,
-         TexelRegressions* texels);
+         double mean_square, TexelRegressions* texels);
     std::vector<int> seen;
     BoxTable table;
     BlockModel model;
@@ -93,6 +95,7 @@ class ErrorEvaluator {
 
   const BoxTable& table_;
   EstimateOptions options_;
+  double mean_square_;
   TexelRegressions* texels_;
   std::map<std::array<int, 3>, std::unique_ptr<Part>> parts_;  // by fold, number of folds, alone or not
   int images_;

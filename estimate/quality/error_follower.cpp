@@ -115,7 +115,7 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
   if (!is_error_known(table, nullptr)) return error;
   EstimateOptions options = options_;
   options.kernels = std::min(options.kernels, images());
-  options.mean_square = mean_square();
+  const double typical = mean_square();
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
   const double share = share_of_cross_validation(table);
@@ -124,7 +124,7 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
     run.throw_if_stopped();
     auto& worker = workers.local();
-    if (!worker) worker = std::make_unique<FitWorker>(table, options);
+    if (!worker) worker = std::make_unique<FitWorker>(table, options, typical);
     KernelCache& cache = worker->model.cache();
     cache.keep_within(cache_limit_bytes);
     AlignedFloats padded(block_size * 3 * table.stride());

@@ -48,9 +48,6 @@ struct REFIELD_API EstimateOptions {
   /// A field of the same capture (.rfield) that takes in the images it was not made from. Empty: a fresh
   /// start.
   std::filesystem::path refine = {};
-  /// The estimate sets it: mean square of the picture's samples, beside which pixels are worth more or less
-  /// effort; 0: full effort everywhere.
-  double mean_square = 0.0;
   /// The cap that `kernels` stands for.
   int max_kernels() const;
   /// Sweeps of spatial correction that the mode makes.
