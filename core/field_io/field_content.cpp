@@ -31,37 +31,6 @@ constexpr std::uint64_t max_light_texels = 1ull << 28;
 /// Hats need no bytes in the file: a forged grid must not take memory of its own.
 constexpr std::uint64_t max_hats = 1ull << 24;
 
-/// Everything that a reader asks for.
-constexpr std::array data_set_names = {
-    "basis/boxes",
-    "basis/vector_boxes",
-    "basis/vectors",
-    "basis/monitors",
-    "basis/observed_light",
-    "basis/interpolation",
-    "output_from_primaries",
-    "transfer/row_start",
-    "transfer/column",
-    "transfer/weight",
-    "tiles/start",
-    "tiles/memory",
-    "statistics/training_error",
-    "statistics/error_evidence",
-    "statistics/learning_curve",
-    "statistics/predicted_error",
-    "statistics/photograph_noise",
-    "statistics/training_signal",
-    "statistics/light_cells",
-    "statistics/light_directions",
-    "statistics/light_variances",
-    "statistics/light_class",
-    mesh_data_set_names[0],
-    mesh_data_set_names[1],
-    mesh_data_set_names[2],
-    mesh_data_set_names[3],
-    mesh_data_set_names[4],
-};
-
 constexpr const char* colour_space_name = "colour_space";
 constexpr const char* rec709_name = "lin_rec709";  // as OpenColorIO's configurations call it
 constexpr const char* boxes_name = "basis/boxes";
@@ -75,6 +44,42 @@ constexpr const char* mixing_name = "output_from_primaries";
 constexpr const char* light_cells_name = "statistics/light_cells";
 constexpr const char* light_directions_name = "statistics/light_directions";
 constexpr const char* light_variances_name = "statistics/light_variances";
+constexpr const char* measure_name = "light_measure";
+constexpr const char* solid_angle_name = "solid_angle";
+constexpr const char* harmonics_name = "harmonics_order";
+constexpr const char* outgoing_name = "outgoing_order";
+constexpr std::size_t numbers_of_a_camera = 12;
+
+/// Everything that a reader asks for.
+constexpr std::array data_set_names = {
+    boxes_name,
+    vector_boxes_name,
+    vectors_name,
+    monitors_name,
+    observed_name,
+    interpolation_name,
+    mixing_name,
+    "transfer/row_start",
+    "transfer/column",
+    "transfer/weight",
+    "tiles/start",
+    "tiles/memory",
+    "statistics/training_error",
+    "statistics/error_evidence",
+    "statistics/learning_curve",
+    "statistics/predicted_error",
+    "statistics/photograph_noise",
+    "statistics/training_signal",
+    light_cells_name,
+    light_directions_name,
+    light_variances_name,
+    light_class_name,
+    "mesh/positions",
+    "mesh/normals",
+    "mesh/colours",
+    "mesh/triangles",
+    "mesh/camera",
+};
 
 void write_monitors(const Hdf5Writer& writer, const std::vector<MonitorPlacement>& monitors) {
   std::vector<double> numbers;
@@ -166,6 +171,137 @@ std::vector<MonitorPlacement> read_monitors(const Hdf5Values& values, const Ligh
   }
   require_sound(values, fault_of_monitors(monitors, domain));
   return monitors;
+}
+
+// What the files of fields with precomputed transport hold besides: measure and harmonics of the basis, and
+// the mesh. Captured fields have none of it, and their files no trace of it.
+
+/// Three numbers an element.
+template <class Triple>
+void write_triples(const Hdf5Writer& writer, const char* name, const std::vector<Triple>& triples) {
+  using Number = std::remove_cvref_t<decltype(triples[0][0])>;
+  static_assert(sizeof(Triple) == 3 * sizeof(Number));
+  writer.dataset(name, reinterpret_cast<const Number*>(triples.data()), {triples.size(), 3});
+}
+
+template <class Triple>
+std::vector<Triple> read_triples(const Hdf5Values& values, const char* name) {
+  using Number = std::remove_cvref_t<decltype(std::declval<Triple>()[0])>;
+  const std::vector<Number> numbers = values.dataset<Number>(name, 3);
+  if constexpr (std::is_same_v<Number, float>)
+    if (!std::ranges::all_of(numbers, [](float number) { return std::isfinite(number); }))
+      values.fail(std::string(name) + " contains a value that is not a number");
+  std::vector<Triple> triples(numbers.size() / 3);
+  for (std::size_t i = 0; i < numbers.size(); ++i) triples[i / 3][i % 3] = numbers[i];
+  return triples;
+}
+
+void write_camera(const Hdf5Writer& writer, const PinholeCamera& camera) {
+  std::vector<float> numbers;
+  for (const auto* triple : {&camera.position, &camera.target, &camera.up})
+    numbers.insert(numbers.end(), {triple->x(), triple->y(), triple->z()});
+  numbers.insert(numbers.end(), {camera.vertical_field_of_view_degrees, static_cast<float>(camera.width),
+                                 static_cast<float>(camera.height)});
+  writer.dataset("mesh/camera", numbers.data(), {1, numbers_of_a_camera});
+}
+
+PinholeCamera read_camera(const Hdf5Values& values) {
+  constexpr float max_side_px = 1 << 16;
+  const auto n = values.dataset<float>("mesh/camera", numbers_of_a_camera);
+  if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= max_side_px) ||
+      !(n[11] >= 1 && n[11] <= max_side_px))
+    values.fail("mesh/camera is not a valid camera");
+  PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
+                       static_cast<int>(n[10]), static_cast<int>(n[11])};
+  try {
+    camera.check();
+  } catch (const InputError& error) {
+    values.fail(error.what());
+  }
+  return camera;
+}
+
+OutputMesh read_mesh(const Hdf5Values& values, const FieldOutline& field) {
+  OutputMesh mesh;
+  mesh.positions = read_triples<Eigen::Vector3f>(values, "mesh/positions");
+  mesh.normals = read_triples<Eigen::Vector3f>(values, "mesh/normals");
+  mesh.colours = read_triples<Eigen::Array3f>(values, "mesh/colours");
+  mesh.triangles = read_triples<std::array<std::uint32_t, 3>>(values, "mesh/triangles");
+  const std::size_t vertices = mesh.positions.size();
+  if (vertices == 0 || mesh.normals.size() != vertices || mesh.colours.size() != vertices)
+    values.fail("mesh/positions, normals and colours do not fit each other");
+  for (const auto& triangle : mesh.triangles)
+    if (std::ranges::any_of(triangle, [&](std::uint32_t vertex) { return vertex >= vertices; }))
+      values.fail("mesh/triangles refers to a vertex that does not exist");
+  if (values.has_number(outgoing_name)) mesh.outgoing_order = values.number(outgoing_name);
+  if (mesh.outgoing_order < 0 || mesh.outgoing_order > largest_harmonics_order)
+    values.fail("has an impossible order of outgoing harmonics");
+  if (field.width != output_image_width || field.height != output_image_height(mesh.outputs()))
+    values.fail("has an image that does not fit its mesh");
+  if (values.has("mesh/camera")) mesh.camera = read_camera(values);
+  return mesh;
+}
+
+std::vector<VectorBox> read_vector_boxes(const Hdf5Values& values, const LightBasis& basis) {
+  const std::vector<Box> boxes = read_box_list(values, vector_boxes_name, basis.domain);
+  const auto vectors = read_triples<Eigen::Vector3f>(values, vectors_name);
+  const int side = basis.domain.width;
+  const auto on_one_face = [&](const Box& box) { return box.y0 / side == (box.y1 - 1) / side; };
+  if (basis.measure != Measure::solid_angle || vectors.size() != boxes.size() ||
+      !std::ranges::all_of(boxes, on_one_face))
+    values.fail(std::string(vector_boxes_name) + " does not fit the light map's faces or " + vectors_name);
+  std::vector<VectorBox> kernels;
+  for (std::size_t k = 0; k < boxes.size(); ++k) kernels.push_back({boxes[k], vectors[k]});
+  return kernels;
+}
+
+void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field) {
+  if (field.basis.measure == Measure::solid_angle) writer.text(measure_name, solid_angle_name);
+  if (field.basis.harmonics.order > 0) writer.number(harmonics_name, field.basis.harmonics.order);
+  if (!field.basis.vector_boxes.empty()) {
+    std::vector<Box> boxes;
+    std::vector<Eigen::Vector3f> vectors;
+    for (const VectorBox& kernel : field.basis.vector_boxes) {
+      boxes.push_back(kernel.box);
+      vectors.push_back(kernel.vector);
+    }
+    write_boxes(writer, vector_boxes_name, boxes);
+    write_triples(writer, vectors_name, vectors);
+  }
+  if (!field.mesh) return;
+  const OutputMesh& mesh = *field.mesh;
+  if (mesh.outgoing_order > 0) writer.number(outgoing_name, mesh.outgoing_order);
+  writer.group("mesh");
+  write_triples(writer, "mesh/positions", mesh.positions);
+  write_triples(writer, "mesh/normals", mesh.normals);
+  write_triples(writer, "mesh/colours", mesh.colours);
+  write_triples(writer, "mesh/triangles", mesh.triangles);
+  if (mesh.camera) write_camera(writer, *mesh.camera);
+}
+
+std::uint64_t precomputed_bytes(const FieldOutline& field) {
+  if (!field.mesh) return 0;
+  return field.mesh->positions.size() * 9 * sizeof(float) +
+         field.mesh->triangles.size() * 3 * sizeof(std::uint32_t);
+}
+
+void read_precomputed(const Hdf5Values& values, FieldOutline& field) {
+  LightBasis& basis = field.basis;
+  if (values.outline.texts.contains(measure_name)) {
+    if (values.text(measure_name) != solid_angle_name)
+      values.fail("measures light by '" + values.text(measure_name) +
+                  "', which this version does not support");
+    basis.measure = Measure::solid_angle;
+    if (basis.domain != cube_domain(basis.domain.width))
+      values.fail("measures light by solid angle, but not over a cube map");
+  }
+  if (values.has_number(harmonics_name)) basis.harmonics.order = values.number(harmonics_name);
+  if (basis.harmonics.order < 0 || basis.harmonics.order > largest_harmonics_order ||
+      basis.harmonics.order > basis.domain.width ||
+      (basis.harmonics.order > 0 && basis.measure != Measure::solid_angle))
+    values.fail("has impossible harmonics");
+  if (values.has(vector_boxes_name)) basis.vector_boxes = read_vector_boxes(values, basis);
+  if (values.has("mesh/positions")) field.mesh = read_mesh(values, field);
 }
 
 }  // namespace
@@ -451,144 +587,6 @@ void read_statistics(const Hdf5Values& values, FieldOutline& field) {
   if (values.has("statistics/photograph_noise"))
     quality.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
   require_sound(values, fault_of_statistics(field));
-}
-
-namespace {
-
-constexpr const char* measure_name = "light_measure";
-constexpr const char* solid_angle_name = "solid_angle";
-constexpr const char* harmonics_name = "harmonics_order";
-constexpr const char* outgoing_name = "outgoing_order";
-constexpr std::size_t numbers_of_a_camera = 12;
-
-/// Three numbers an element.
-template <class Triple>
-void write_triples(const Hdf5Writer& writer, const char* name, const std::vector<Triple>& triples) {
-  using Number = std::remove_cvref_t<decltype(triples[0][0])>;
-  static_assert(sizeof(Triple) == 3 * sizeof(Number));
-  writer.dataset(name, reinterpret_cast<const Number*>(triples.data()), {triples.size(), 3});
-}
-
-template <class Triple>
-std::vector<Triple> read_triples(const Hdf5Values& values, const char* name) {
-  using Number = std::remove_cvref_t<decltype(std::declval<Triple>()[0])>;
-  const std::vector<Number> numbers = values.dataset<Number>(name, 3);
-  if constexpr (std::is_same_v<Number, float>)
-    if (!std::ranges::all_of(numbers, [](float number) { return std::isfinite(number); }))
-      values.fail(std::string(name) + " contains a value that is not a number");
-  std::vector<Triple> triples(numbers.size() / 3);
-  for (std::size_t i = 0; i < numbers.size(); ++i) triples[i / 3][i % 3] = numbers[i];
-  return triples;
-}
-
-void write_camera(const Hdf5Writer& writer, const PinholeCamera& camera) {
-  std::vector<float> numbers;
-  for (const auto* triple : {&camera.position, &camera.target, &camera.up})
-    numbers.insert(numbers.end(), {triple->x(), triple->y(), triple->z()});
-  numbers.insert(numbers.end(), {camera.vertical_field_of_view_degrees, static_cast<float>(camera.width),
-                                 static_cast<float>(camera.height)});
-  writer.dataset("mesh/camera", numbers.data(), {1, numbers_of_a_camera});
-}
-
-PinholeCamera read_camera(const Hdf5Values& values) {
-  constexpr float max_side_px = 1 << 16;
-  const auto n = values.dataset<float>("mesh/camera", numbers_of_a_camera);
-  if (n.size() != numbers_of_a_camera || !(n[10] >= 1 && n[10] <= max_side_px) ||
-      !(n[11] >= 1 && n[11] <= max_side_px))
-    values.fail("mesh/camera is not a valid camera");
-  PinholeCamera camera{{n[0], n[1], n[2]},      {n[3], n[4], n[5]},     {n[6], n[7], n[8]}, n[9],
-                       static_cast<int>(n[10]), static_cast<int>(n[11])};
-  try {
-    camera.check();
-  } catch (const InputError& error) {
-    values.fail(error.what());
-  }
-  return camera;
-}
-
-OutputMesh read_mesh(const Hdf5Values& values, const FieldOutline& field) {
-  OutputMesh mesh;
-  mesh.positions = read_triples<Eigen::Vector3f>(values, "mesh/positions");
-  mesh.normals = read_triples<Eigen::Vector3f>(values, "mesh/normals");
-  mesh.colours = read_triples<Eigen::Array3f>(values, "mesh/colours");
-  mesh.triangles = read_triples<std::array<std::uint32_t, 3>>(values, "mesh/triangles");
-  const std::size_t vertices = mesh.positions.size();
-  if (vertices == 0 || mesh.normals.size() != vertices || mesh.colours.size() != vertices)
-    values.fail("mesh/positions, normals and colours do not fit each other");
-  for (const auto& triangle : mesh.triangles)
-    if (std::ranges::any_of(triangle, [&](std::uint32_t vertex) { return vertex >= vertices; }))
-      values.fail("mesh/triangles refers to a vertex that does not exist");
-  if (values.has_number(outgoing_name)) mesh.outgoing_order = values.number(outgoing_name);
-  if (mesh.outgoing_order < 0 || mesh.outgoing_order > largest_harmonics_order)
-    values.fail("has an impossible order of outgoing harmonics");
-  if (field.width != output_image_width || field.height != output_image_height(mesh.outputs()))
-    values.fail("has an image that does not fit its mesh");
-  if (values.has("mesh/camera")) mesh.camera = read_camera(values);
-  return mesh;
-}
-
-std::vector<VectorBox> read_vector_boxes(const Hdf5Values& values, const LightBasis& basis) {
-  const std::vector<Box> boxes = read_box_list(values, vector_boxes_name, basis.domain);
-  const auto vectors = read_triples<Eigen::Vector3f>(values, vectors_name);
-  const int side = basis.domain.width;
-  const auto on_one_face = [&](const Box& box) { return box.y0 / side == (box.y1 - 1) / side; };
-  if (basis.measure != Measure::solid_angle || vectors.size() != boxes.size() ||
-      !std::ranges::all_of(boxes, on_one_face))
-    values.fail(std::string(vector_boxes_name) + " does not fit the light map's faces or " + vectors_name);
-  std::vector<VectorBox> kernels;
-  for (std::size_t k = 0; k < boxes.size(); ++k) kernels.push_back({boxes[k], vectors[k]});
-  return kernels;
-}
-
-}  // namespace
-
-void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field) {
-  if (field.basis.measure == Measure::solid_angle) writer.text(measure_name, solid_angle_name);
-  if (field.basis.harmonics.order > 0) writer.number(harmonics_name, field.basis.harmonics.order);
-  if (!field.basis.vector_boxes.empty()) {
-    std::vector<Box> boxes;
-    std::vector<Eigen::Vector3f> vectors;
-    for (const VectorBox& kernel : field.basis.vector_boxes) {
-      boxes.push_back(kernel.box);
-      vectors.push_back(kernel.vector);
-    }
-    write_boxes(writer, vector_boxes_name, boxes);
-    write_triples(writer, vectors_name, vectors);
-  }
-  if (!field.mesh) return;
-  const OutputMesh& mesh = *field.mesh;
-  if (mesh.outgoing_order > 0) writer.number(outgoing_name, mesh.outgoing_order);
-  writer.group("mesh");
-  write_triples(writer, "mesh/positions", mesh.positions);
-  write_triples(writer, "mesh/normals", mesh.normals);
-  write_triples(writer, "mesh/colours", mesh.colours);
-  write_triples(writer, "mesh/triangles", mesh.triangles);
-  if (mesh.camera) write_camera(writer, *mesh.camera);
-}
-
-std::uint64_t precomputed_bytes(const FieldOutline& field) {
-  if (!field.mesh) return 0;
-  return field.mesh->positions.size() * 9 * sizeof(float) +
-         field.mesh->triangles.size() * 3 * sizeof(std::uint32_t);
-}
-
-void read_precomputed(const Hdf5Values& values, FieldOutline& field) {
-  LightBasis& basis = field.basis;
-  if (values.outline.texts.contains(measure_name)) {
-    if (values.text(measure_name) != solid_angle_name)
-      values.fail("measures light by '" + values.text(measure_name) +
-                  "', which this version does not support");
-    basis.measure = Measure::solid_angle;
-    if (basis.domain != cube_domain(basis.domain.width))
-      values.fail("measures light by solid angle, but not over a cube map");
-  }
-  if (values.has_number(harmonics_name)) basis.harmonics.order = values.number(harmonics_name);
-  if (basis.harmonics.order < 0 || basis.harmonics.order > largest_harmonics_order ||
-      basis.harmonics.order > basis.domain.width ||
-      (basis.harmonics.order > 0 && basis.measure != Measure::solid_angle))
-    values.fail("has impossible harmonics");
-  if (values.has(vector_boxes_name)) basis.vector_boxes = read_vector_boxes(values, basis);
-  if (values.has("mesh/positions")) field.mesh = read_mesh(values, field);
 }
 
 }  // namespace refield

@@ -54,18 +54,3 @@ void read_statistics(const Hdf5Values& values, FieldOutline& field);
 std::vector<ErrorEvidence> read_error_evidence(const Hdf5Values& values, std::size_t pixels);
 
 }  // namespace refield
-
-/// What the files of fields with precomputed transport hold besides: measure and harmonics of the basis, and
-/// the mesh. Captured fields have none of it, and their files no trace of it.
-namespace refield {
-
-void write_precomputed(const Hdf5Writer& writer, const FieldOutline& field);
-std::uint64_t precomputed_bytes(const FieldOutline& field);
-/// Fills in what the file holds of it; sizes and domain must stand. Throws FormatError.
-void read_precomputed(const Hdf5Values& values, FieldOutline& field);
-
-/// Names of the data sets.
-inline constexpr const char* mesh_data_set_names[] = {"mesh/positions", "mesh/normals", "mesh/colours",
-                                                      "mesh/triangles", "mesh/camera"};
-
-}  // namespace refield
