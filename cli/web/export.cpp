@@ -14,8 +14,8 @@
 #include <fstream>
 #include <functional>
 #include <limits>
-#include <memory>
 #include <mutex>
+#include <new>
 #include <set>
 #include <span>
 #include <vector>
@@ -169,24 +169,13 @@ std::string shuffled(const std::vector<T>& values, const RunContext& run) {
   return bytes;
 }
 
-std::string deflated(std::string_view bytes, const RunContext& run) {
-  constexpr std::size_t step_bytes = std::size_t{1} << 20;  // a tenth of a second at most
-  std::string packed(compressBound(bytes.size()), '\0');
-  z_stream stream{};
-  if (deflateInit(&stream, Z_DEFAULT_COMPRESSION) != Z_OK) throw std::bad_alloc();
-  const std::unique_ptr<z_stream, decltype(&deflateEnd)> ends(&stream, &deflateEnd);
-  stream.next_out = reinterpret_cast<Bytef*>(packed.data());
-  stream.avail_out = static_cast<uInt>(packed.size());
-  for (int status = Z_OK; status != Z_STREAM_END;) {
-    run.throw_if_stopped();
-    const std::string_view step = bytes.substr(0, step_bytes);
-    bytes.remove_prefix(step.size());
-    stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(step.data()));
-    stream.avail_in = static_cast<uInt>(step.size());
-    status = deflate(&stream, bytes.empty() ? Z_FINISH : Z_NO_FLUSH);
-    if (status != Z_OK && status != Z_STREAM_END) throw std::bad_alloc();
-  }
-  packed.resize(stream.total_out);
+std::string deflated(std::string_view bytes) {
+  uLongf size = compressBound(bytes.size());
+  std::string packed(size, '\0');
+  if (compress(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(bytes.data()),
+               bytes.size()) != Z_OK)
+    throw std::bad_alloc();
+  packed.resize(size);
   return packed;
 }
 
@@ -249,8 +238,8 @@ class PageWriter {
 };
 
 /// Deflated, as a script holds it.
-std::string script_text(std::string_view bytes, const RunContext& run) {
-  const std::string packed = deflated(bytes, run);
+std::string script_text(std::string_view bytes) {
+  const std::string packed = deflated(bytes);
   return "'" + report::base64({reinterpret_cast<const std::uint8_t*>(packed.data()), packed.size()}) + "'";
 }
 
@@ -266,10 +255,9 @@ class DataWriter {
     nlohmann::ordered_json parts = nlohmann::ordered_json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
       const std::string file = formatted("data-%03zu.js", count_++);
-      page_.write(
-          file,
-          "refield.receive(" + script_text(std::string_view(bytes).substr(at, part_bytes), run) + ");\n",
-          run);
+      page_.write(file,
+                  "refield.receive(" + script_text(std::string_view(bytes).substr(at, part_bytes)) + ");\n",
+                  run);
       parts.push_back(file);
     }
     arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
@@ -494,7 +482,7 @@ std::string tile_script(const PackedField& tile, const std::string& name, const 
   std::string parts;
   const auto add = [&]<class T>(const char* array, const std::vector<T>& values) {
     described["arrays"][array] = {{"values", values.size()}, {"bytes", sizeof(T)}};
-    parts += ", " + script_text(shuffled(values, run), run);
+    parts += ", " + script_text(shuffled(values, run));
   };
   add("counts", tile.counts);
   add("kernels", tile.kernels);
