@@ -78,13 +78,7 @@ Environment::Environment(const std::filesystem::path& file, const RunContext& ru
     : map_(std::make_shared<const LightMap>(read_environment(file, run))) {}
 
 Environment::Environment(const ImageView& map, const RunContext& run) {
-  const auto kind = environment_kind(map.width, map.height);
-  if (!kind)
-    throw InputError(
-        "the map is " + std::to_string(map.width) + "×" + std::to_string(map.height) +
-        ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "
-        "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
-  LightMap environment = copied({map, *kind});
+  LightMap environment = copied({map, require_environment_kind(map.width, map.height, "the map")});
   repair_light_map(environment, "map", run);
   map_ = std::make_shared<const LightMap>(std::move(environment));
 }

@@ -87,14 +87,17 @@ std::optional<Parameterisation> environment_kind(int width, int height) {
   return std::nullopt;
 }
 
-LightMap read_environment(const std::filesystem::path& path, const RunContext& run) {
-  const ImageHeader header = read_image_header(path);
-  if (const auto kind = environment_kind(header.width, header.height))
-    return read_light_map(path, *kind, run, Primaries::rec709);
-  throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
-                   std::to_string(header.height) +
+Parameterisation require_environment_kind(int width, int height, const std::string& name) {
+  if (const auto kind = environment_kind(width, height)) return *kind;
+  throw InputError(name + " is " + std::to_string(width) + "×" + std::to_string(height) +
                    ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "
                    "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
+}
+
+LightMap read_environment(const std::filesystem::path& path, const RunContext& run) {
+  const ImageHeader header = read_image_header(path);
+  const Parameterisation kind = require_environment_kind(header.width, header.height, path.string() + ":");
+  return read_light_map(path, kind, run, Primaries::rec709);
 }
 
 std::vector<SeenPart> EnvironmentProjector::parts_of(const SphericalPolygon& texel,

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -19,6 +20,8 @@ namespace refield {
 
 /// Which kind of map of the whole environment has such proportions; nothing: none has.
 std::optional<Parameterisation> environment_kind(int width, int height);
+/// Throws InputError where none has, naming the map `name`.
+Parameterisation require_environment_kind(int width, int height, const std::string& name);
 
 /// Reads a map of the whole environment: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.
