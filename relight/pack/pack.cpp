@@ -12,7 +12,6 @@
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
 #include "core/base/run_context.h"
-#include "relight/pack/prune.h"
 #include "relight/tiles/tiled_transfer.h"
 
 namespace refield {

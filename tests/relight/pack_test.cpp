@@ -7,7 +7,6 @@
 
 #include "core/base/errors.h"
 #include "core/image/metrics.h"
-#include "relight/pack/prune.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
 
