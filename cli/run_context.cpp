@@ -54,14 +54,6 @@ std::string duration_text(double seconds) {
                    : formatted("%d:%02d", s / 60, s % 60);
 }
 
-std::mutex detail_mutex;
-std::string progress_detail;
-
-std::string detail_text() {
-  const std::scoped_lock lock(detail_mutex);
-  return progress_detail.empty() ? "" : "; " + progress_detail;
-}
-
 /// Draws the outermost stage.
 class ProgressBar {
  public:
@@ -99,8 +91,7 @@ class ProgressBar {
     const double left = fraction > 0.0 ? seconds * (1.0 - fraction) / fraction : 0.0;
     const std::string times = (is_last ? "took " + duration_text(seconds)
                                        : duration_text(seconds) + " gone, " +
-                                             (fraction > 0.0 ? duration_text(left) : "?") + " left") +
-                              detail_text();
+                                             (fraction > 0.0 ? duration_text(left) : "?") + " left");
     if (on_terminal()) {
       constexpr int bar_width = 30;
       const int filled = static_cast<int>(fraction * bar_width);
@@ -148,11 +139,6 @@ const RunContext& run_context() {
                                         return read_in_process(reader_program(), reading, run_context());
                                       }};
   return context;
-}
-
-void set_progress_detail(const std::string& text) {
-  const std::scoped_lock lock(detail_mutex);
-  progress_detail = text;
 }
 
 void silence_progress() {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <string>
-
 #include "core/base/run_context.h"
 
 namespace refield {
@@ -14,9 +12,6 @@ namespace refield {
 ///    within others are not shown.
 ///  - Notes: one line each; where standard error is not a terminal, the time (UTC) stands before it.
 const RunContext& run_context();
-
-/// Text after the times of the progress bar, such as "3 of 8 shards"; empty: none.
-void set_progress_detail(const std::string& text);
 
 /// Silences progress and notes (--quiet).
 void silence_progress();

@@ -213,11 +213,7 @@ class Cluster:
         for entry in sockets:
             entry.unlink(missing_ok=True)
 
-    def busy_node(self, other_than_of=None):
-        """A node with a running task, but not that of the array's task of this number; None: there is none."""
-        tasks = [line.split("|") for line in self.slurm("squeue", "--noheader", "--states=RUNNING", "--format=%N|%K").split()]
-        spared = [node for node, task in tasks if task == str(other_than_of)]
-        for node, _ in tasks:
-            if node not in spared:
-                return int(node[1:])
-        return None
+    def busy_node(self):
+        """A node with a running task; None: there is none."""
+        nodes = self.slurm("squeue", "--noheader", "--states=RUNNING", "--format=%N").split()
+        return int(nodes[0][1:]) if nodes else None
