@@ -79,4 +79,12 @@ class Camera {
   virtual RawFrame next_frame(Seconds timeout) = 0;
 };
 
+/// A line that starts a camera's exposure.
+class Trigger {
+ public:
+  virtual ~Trigger() = default;
+  /// Sends one pulse and returns the instant of its active edge. Throws DeviceError when the line is gone.
+  virtual TimePoint fire() = 0;
+};
+
 }  // namespace refield

@@ -13,7 +13,6 @@
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/capture/session_writer.h"
 #include "acquire/illuminator.h"
-#include "acquire/trigger.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"

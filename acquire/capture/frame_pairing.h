@@ -6,7 +6,6 @@
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"
-#include "acquire/trigger.h"
 
 namespace refield {
 

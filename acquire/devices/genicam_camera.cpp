@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 #include <arv.h>
 
@@ -507,7 +507,7 @@ class OpenGenicam {
   bool gain_is_db_ = false;
 };
 
-class GenicamCamera final : public TetheredCamera {
+class GenicamCamera final : public StreamingCamera {
  public:
   GenicamCamera(GenicamCameraOptions wanted, RunContext context)
       : options_(std::move(wanted)),
@@ -520,19 +520,6 @@ class GenicamCamera final : public TetheredCamera {
   CameraDescription describe() const override {
     require_open();
     return description_;
-  }
-
-  TimePoint set_exposure(Seconds wanted, double wanted_gain) override {
-    require_open();
-    check_settings(wanted, wanted_gain);
-    try {
-      make_settings(wanted, wanted_gain);
-    } catch (const DeviceError& error) {
-      if (error.error_number() != ENODEV) throw;
-      asked_ = {wanted, wanted_gain};
-      reconnect(error);  // makes the settings asked for
-    }
-    return settings_made_;
   }
 
   void begin_after(TimePoint earliest) override { begin_ = earliest; }
@@ -583,11 +570,7 @@ class GenicamCamera final : public TetheredCamera {
   std::unique_ptr<OpenGenicam> open_;
   CameraDescription description_;
 
-  Seconds exposure_{0};               // in effect from settings_made on, as read back
-  Seconds shortest_{0}, longest_{0};  // that may be in effect for a while after
-  double gain_ = 1.0;
-  TimePoint settings_made_{};
-  std::optional<std::pair<Seconds, double>> asked_;
+  Seconds shortest_{0}, longest_{0};  // that may be in effect for a while after settings_made_
 
   CameraClock clock_;
   FrameCounter counter_;
@@ -612,17 +595,16 @@ class GenicamCamera final : public TetheredCamera {
     last_stamp_ = 0;
     to_skip_ = genicam_frames_after_start;
     is_triggered_ = lost_trigger_ = false;
-    if (asked_) make_settings(asked_->first, asked_->second);
+    make_settings_again();
   }
 
-  void require_open() const {
+  void require_open() const override {
     if (!open_)
       throw DeviceError("genicam:" + options_.device, ENODEV,
                         "was disconnected; connect it again and resume");
   }
 
-  void make_settings(Seconds wanted, double wanted_gain) {
-    asked_ = {wanted, wanted_gain};
+  void make_settings(Seconds wanted, double wanted_gain) override {
     exposure_ = open_->set_exposure(wanted);
     shortest_ = std::min(exposure_, shortest_);
     longest_ = std::max(exposure_, longest_);
@@ -630,22 +612,14 @@ class GenicamCamera final : public TetheredCamera {
     settings_made_ = monotonic_now();
   }
 
-  void check_settings(Seconds wanted, double wanted_gain) const {
-    const auto refuse = [&](const std::string& what, double value, double low, double high) {
-      throw InputError(description_.name + ": " + what + " of " + short_text(value) + " lies outside " +
-                       short_text(low) + " to " + short_text(high));
-    };
+  void check_settings(Seconds wanted, double wanted_gain) const override {
     constexpr double rounding = 1e-6;
-    const double low = description_.shortest_exposure.count(), high = description_.longest_exposure.count();
-    if (!(wanted.count() >= low * (1.0 - rounding) && wanted.count() <= high * (1.0 + rounding)))
-      refuse("an exposure in seconds", wanted.count(), low, high);
-    if (!open_->has_gain()) {
-      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0);
-      return;
-    }
+    require_range("an exposure in seconds", wanted.count(), description_.shortest_exposure.count(),
+                  description_.longest_exposure.count(), rounding * wanted.count());
+    if (!open_->has_gain())
+      return require_range("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0, 0.0);
     const auto [least, most] = open_->gain_range();
-    if (!(wanted_gain >= least * (1.0 - rounding) && wanted_gain <= most * (1.0 + rounding)))
-      refuse("a gain", wanted_gain, least, most);
+    require_range("a gain", wanted_gain, least, most, rounding * wanted_gain);
   }
 
   /// When the first packet of a frame came. Aravis notes it by the wall clock, which may be set meanwhile.
@@ -713,7 +687,7 @@ class GenicamCamera final : public TetheredCamera {
             last_number_};
   }
 
-  void reconnect(const DeviceError& gone) {
+  void reconnect(const DeviceError& gone) override {
     open_->give_up();
     if (options_.replug_patience.count() > 0.0) open_.reset();
     const CameraDescription before = description_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/gphoto_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 #include <gphoto2/gphoto2.h>
 #include <unistd.h>

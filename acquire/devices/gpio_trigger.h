@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "acquire/trigger.h"
+#include "acquire/camera.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras whose library was not there when the program was built.
-#include "acquire/devices/genicam_camera.h"
-#include "acquire/devices/gphoto_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 namespace refield {
 

@@ -2,10 +2,12 @@
 #include "acquire/devices/tethered_camera.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <thread>
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -35,6 +37,30 @@ void TetheredCamera::wait_for_replug(const DeviceError& gone, const std::string&
     return;
   }
   throw DeviceError(gone);
+}
+
+TimePoint StreamingCamera::set_exposure(Seconds exposure, double gain) {
+  require_open();
+  check_settings(exposure, gain);
+  asked_ = {exposure, gain};
+  try {
+    make_settings(exposure, gain);
+  } catch (const DeviceError& error) {
+    if (error.error_number() != ENODEV) throw;
+    reconnect(error);
+  }
+  return settings_made_;
+}
+
+void StreamingCamera::make_settings_again() {
+  if (asked_) make_settings(asked_->first, asked_->second);
+}
+
+void StreamingCamera::require_range(const std::string& what, double value, double low, double high,
+                                    double rounding) const {
+  if (!(value >= low - rounding && value <= high + rounding))
+    throw InputError(describe().name +
+                     formatted(": %s of %.7g lies outside %.7g to %.7g", what.c_str(), value, low, high));
 }
 
 TimePoint CameraClock::start_of(std::int64_t stamp_ns, TimePoint arrival, Seconds shortest, Seconds longest) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 #include <linux/videodev2.h>
 
@@ -174,7 +174,7 @@ struct OpenCamera {
                run) {}
 };
 
-class V4l2Camera final : public TetheredCamera {
+class V4l2Camera final : public StreamingCamera {
  public:
   V4l2Camera(V4l2CameraOptions wanted, RunContext context)
       : options_(std::move(wanted)), run_(std::move(context)), identity_(find_v4l2_camera(options_.device)) {
@@ -220,18 +220,6 @@ class V4l2Camera final : public TetheredCamera {
     return camera;
   }
 
-  TimePoint set_exposure(Seconds wanted, double wanted_gain) override {
-    require_open();
-    check_settings(wanted, wanted_gain);
-    try {
-      make_settings(wanted, wanted_gain);
-    } catch (const DeviceError& error) {
-      if (error.error_number() != ENODEV) throw;
-      reconnect(error);  // makes the settings asked for
-    }
-    return settings_made_;
-  }
-
   RawFrame next_frame(Seconds timeout) override {
     require_open();
     auto deadline = std::chrono::steady_clock::now() + timeout;
@@ -270,12 +258,7 @@ class V4l2Camera final : public TetheredCamera {
   PixelFormat format_{};
   FrameWindow window_;
 
-  Seconds exposure_{0};         // in effect from settings_made on, as read back
-  Seconds exposure_before_{0};  // may still be in effect for a while after
-  double gain_ = 1.0;
-  TimePoint settings_made_{};
-  std::optional<std::pair<Seconds, double>> asked_;
-
+  Seconds exposure_before_{0};  // may still be in effect for a while after settings_made_
   int to_skip_ = frames_after_start;
   int unsettled_ = 0;  // frames to leave out after replugging
   std::optional<std::uint32_t> driver_sequence_;
@@ -294,7 +277,7 @@ class V4l2Camera final : public TetheredCamera {
     open_.reset();  // the node must be free first
     open_ = std::make_unique<OpenCamera>(identity_, options_, run_);
     frames_start_anew();
-    if (asked_) make_settings(asked_->first, asked_->second);
+    make_settings_again();
   }
 
   void frames_start_anew() {
@@ -302,14 +285,13 @@ class V4l2Camera final : public TetheredCamera {
     to_skip_ = frames_after_start;
   }
 
-  void require_open() const {
+  void require_open() const override {
     if (!open_)
       throw DeviceError(identity_.card + " (" + identity_.bus + ")", ENODEV,
                         "was disconnected; connect it again and resume");
   }
 
-  void make_settings(Seconds wanted, double wanted_gain) {
-    asked_ = {wanted, wanted_gain};
+  void make_settings(Seconds wanted, double wanted_gain) override {
     exposure_before_ = std::max(exposure_, exposure_before_);
     if (const auto& control = open_->settings.exposure()) {
       const std::int64_t steps = std::llround(wanted / exposure_step);
@@ -324,26 +306,16 @@ class V4l2Camera final : public TetheredCamera {
     settings_made_ = monotonic_now();
   }
 
-  void check_settings(Seconds wanted, double wanted_gain) const {
+  void check_settings(Seconds wanted, double wanted_gain) const override {
     const CameraDescription camera = describe();
-    const auto refuse = [&](const std::string& what, double value, double low, double high) {
-      throw InputError(camera.name + ": " + what + " of " + std::to_string(value) + " lies outside " +
-                       std::to_string(low) + " to " + std::to_string(high));
-    };
-    const double half_step = 0.5 * exposure_step.count();
-    if (!(wanted.count() > camera.shortest_exposure.count() - half_step &&
-          wanted.count() < camera.longest_exposure.count() + half_step))
-      refuse("an exposure in seconds", wanted.count(), camera.shortest_exposure.count(),
-             camera.longest_exposure.count());
-    if (options_.unit_gain <= 0.0) {
-      if (wanted_gain != 1.0) refuse("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0);
-      return;
-    }
+    require_range("an exposure in seconds", wanted.count(), camera.shortest_exposure.count(),
+                  camera.longest_exposure.count(), 0.5 * exposure_step.count());
+    if (options_.unit_gain <= 0.0)
+      return require_range("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0, 0.0);
     const auto& control = open_->settings.gain();
     if (!control) throw InputError(camera.name + ": has no gain control; leave out unit_gain");
-    const double low = static_cast<double>(control->lowest) / options_.unit_gain;
-    const double high = static_cast<double>(control->highest) / options_.unit_gain;
-    if (!(wanted_gain >= low && wanted_gain <= high)) refuse("a gain", wanted_gain, low, high);
+    require_range("a gain", wanted_gain, static_cast<double>(control->lowest) / options_.unit_gain,
+                  static_cast<double>(control->highest) / options_.unit_gain, 0.0);
   }
 
   /// See the class: never after the true start.
@@ -417,7 +389,7 @@ class V4l2Camera final : public TetheredCamera {
   }
 
   /// Waits until the camera is plugged in again: the same card at the same place.
-  void reconnect(const DeviceError& gone) {
+  void reconnect(const DeviceError& gone) override {
     // Or the node stays taken, and the camera comes back under another number.
     if (options_.replug_patience.count() > 0.0) open_.reset();
     wait_for_replug(gone, identity_.card + " (" + identity_.bus + ")", options_.replug_patience, run_, [&] {

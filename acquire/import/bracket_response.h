@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "acquire/import/bracket_merge.h"
-#include "acquire/import/bracket_saturation.h"
 
 namespace refield {
 

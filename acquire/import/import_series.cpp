@@ -2,15 +2,18 @@
 #include "acquire/import/import_series.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <optional>
+#include <regex>
+#include <string>
+#include <vector>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/scene_mask.h"
 #include "acquire/import/bracket_response.h"
-#include "acquire/import/flat_field.h"
 #include "acquire/import/import_views.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -23,74 +26,38 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// A pattern of --names: characters, or one of these.
-constexpr int any_text = 256, any_character = 257, light_name = 258;
-
-std::vector<int> parsed(const std::string& pattern) {
+/// A pattern of --names, whose only group is {light}; each wildcard takes as much as it can.
+std::regex parsed(const std::string& pattern) {
   static const std::string name = "{light}";
   const auto at = pattern.find(name);
   if (at == std::string::npos || pattern.find(name, at + 1) != std::string::npos)
     throw InputError("--names '" + pattern +
                      "': must contain {light} exactly once, at the position of the view's name");
-  std::vector<int> tokens;
+  std::string expression;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
     if (i == at) {
-      tokens.push_back(light_name);
+      expression += "([\\s\\S]+)";
       i += name.size() - 1;
+    } else if (pattern[i] == '*' || pattern[i] == '?') {
+      expression += pattern[i] == '*' ? "[\\s\\S]*" : "[\\s\\S]";
     } else {
-      tokens.push_back(pattern[i] == '*'   ? any_text
-                       : pattern[i] == '?' ? any_character
-                                           : static_cast<unsigned char>(pattern[i]));
+      if (std::ispunct(static_cast<unsigned char>(pattern[i])) != 0) expression += '\\';
+      expression += pattern[i];
     }
   }
-  return tokens;
-}
-
-/// The text that {light} stands for, each wildcard taking as much as it can; nothing where `text` does not
-/// match. Takes time in proportion to the product of the lengths.
-std::optional<std::string> light_in(const std::vector<int>& pattern, const std::string& text) {
-  const std::size_t rows = pattern.size() + 1, columns = text.size() + 1;
-  std::vector<char> fits(rows * columns, 0);  // the rest of the pattern the rest of the text
-  fits.back() = 1;
-  for (std::size_t p = pattern.size(); p-- > 0;)
-    for (std::size_t t = columns; t-- > 0;) {
-      const bool has_more = t < text.size();
-      const char after = has_more ? fits[(p + 1) * columns + t + 1] : 0,
-                 same = has_more ? fits[p * columns + t + 1] : 0;
-      switch (pattern[p]) {
-        case any_text:
-          fits[p * columns + t] = fits[(p + 1) * columns + t] || same;
-          break;
-        case light_name:
-          fits[p * columns + t] = after || same;
-          break;
-        default:
-          fits[p * columns + t] =
-              after && (pattern[p] == any_character || pattern[p] == static_cast<unsigned char>(text[t]));
-      }
-    }
-  if (!fits[0]) return std::nullopt;
-  std::string light;
-  for (std::size_t p = 0, t = 0; p < pattern.size(); ++p) {
-    std::size_t end = t + 1;
-    if (pattern[p] == any_text || pattern[p] == light_name)
-      for (end = text.size(); !fits[(p + 1) * columns + end];) --end;
-    if (pattern[p] == light_name) light = text.substr(t, end - t);
-    t = end;
-  }
-  return light;
+  return std::regex(expression);
 }
 
 std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const std::string& pattern) {
-  const std::vector<int> tokens = parsed(pattern);
+  const std::regex expression = parsed(pattern);
   std::vector<BracketGroup> groups;
   for (const fs::path& file : files) {
-    auto found = light_in(tokens, file.filename().string());
-    if (!found) found = light_in(tokens, file.stem().string());
-    if (!found)
+    const std::string whole = file.filename().string(), stem = file.stem().string();
+    std::smatch found;
+    if (!std::regex_match(whole, found, expression) && !std::regex_match(stem, found, expression))
       throw InputError(file.string() + ": does not match --names '" + pattern +
                        "'; correct the pattern, or remove the file from the folder");
-    const std::string& light = *found;
+    const std::string light = found[1];
     const auto group = std::ranges::find(groups, light, &BracketGroup::name);
     if (group == groups.end())
       groups.push_back({light, {file}});
@@ -196,6 +163,92 @@ int count_hot_pixels(const Photograph& ambient) {
       hot += sum(ambient.radiance, x, y) > around;
     }
   return hot;
+}
+
+/// Share of pixels that may be hot, dusty or outside the card.
+constexpr double negligible_share = 0.001;
+/// Below this part of its 90th percentile, a pixel shows no card.
+constexpr double least_part = 0.05;
+
+[[noreturn]] void refuse_card(const char* what, double share, const char* remedy) {
+  throw InputError(
+      formatted("the white card is %s in %.1f %% of the pixels; %s", what, 100.0 * share, remedy));
+}
+
+/// One channel of the card where `weight` is not zero, smooth: 24 × 18 nodes follow the fall-off of a light
+/// source at the distance of the picture's width within 0.1 %.
+Image smoothed(const Image& card, const Image& weight, int channel) {
+  constexpr int columns = 24, rows = 18;
+  Image values(card.width, card.height, 1);
+  for (std::size_t p = 0; p < values.values.size(); ++p)
+    values.values[p] = card.values[3 * p + static_cast<std::size_t>(channel)];
+  const RelativeMap map = fit_relative_map(values, weight, columns, rows);
+  double product = 0.0, square = 0.0;
+  Image result(card.width, card.height, 1);
+  for (int y = 0; y < card.height; ++y)
+    for (int x = 0; x < card.width; ++x) {
+      const double relative = map.at_pixel(x, y, values);
+      result.at(x, y, 0) = static_cast<float>(relative);
+      product += weight.at(x, y, 0) * relative * values.at(x, y, 0);
+      square += weight.at(x, y, 0) * relative * relative;
+    }
+  for (float& value : result.values) value *= static_cast<float>(product / square);
+  return result;
+}
+
+/// Divides a photograph under one light source by that of a white card in the object's place under the same
+/// source, and multiplies by `cos_angle`, the cosine between the source and the card's normal: radiance
+/// relative to a white diffuser that faces the source. Fall-off, intensity and vignetting cancel. The card is
+/// smoothed by fit_relative_map() inside `mask` (empty: all pixels); pixels outside are marked as unmeasured.
+/// Throws InputError (without the file's name) where the card is of another size, or clipped or dark inside
+/// the mask, or behind the light source.
+void divide_by_card(Photograph& photograph, const Photograph& card, double cos_angle, const Mask& mask) {
+  const Image& white = card.radiance;
+  if (!white.same_shape(photograph.radiance))
+    throw InputError("is " + shape_text(white) + ", the photographs are " + shape_text(photograph.radiance) +
+                     "; photograph the white card with the same camera");
+  constexpr double grazing = 0.05;  // 87°
+  if (!(cos_angle > grazing))
+    throw InputError(
+        "the light source is not in front of the white card, which faces the camera; leave its photograph "
+        "out, or import without flat fields");
+  std::vector<float> levels(white.pixel_count());
+  for (std::size_t p = 0; p < levels.size(); ++p)
+    levels[p] = std::min({white.values[3 * p], white.values[3 * p + 1], white.values[3 * p + 2]});
+  const auto least = static_cast<float>(least_part * quantile(levels, 0.9));
+  Image weight(white.width, white.height, 1);
+  std::size_t inside = 0, dark = 0, clipped = 0;
+  for (std::size_t p = 0; p < levels.size(); ++p) {
+    const bool is_inside = mask.empty() || mask[p] != 0;
+    const bool is_dark = !(levels[p] > std::max(least, 0.0f));
+    bool is_clipped = false;
+    for (std::size_t c = 0; c < 3; ++c)
+      is_clipped |= !card.sigma.empty() && std::isinf(card.sigma.values[3 * p + c]);
+    inside += is_inside ? 1 : 0;
+    dark += is_inside && is_dark ? 1 : 0;
+    clipped += is_inside && is_clipped ? 1 : 0;
+    weight.values[p] = is_inside && !is_dark && !is_clipped ? 1.0f : 0.0f;
+  }
+  const auto share = [&](std::size_t count) {
+    return static_cast<double>(count) / static_cast<double>(std::max<std::size_t>(inside, 1));
+  };
+  if (share(clipped) > negligible_share)
+    refuse_card("clipped", share(clipped), "expose it shorter, or bracket it (--bracket-size)");
+  if (share(dark) > negligible_share)
+    refuse_card("dark", share(dark),
+                "it must cover the scene and face the camera; use a larger card, or give --mask");
+  for (int c = 0; c < 3; ++c) {
+    const Image level = smoothed(white, weight, c);
+    for (std::size_t p = 0; p < level.values.size(); ++p) {
+      const std::size_t sample = 3 * p + static_cast<std::size_t>(c);
+      const bool is_inside = mask.empty() || mask[p] != 0;
+      const auto factor = static_cast<float>(cos_angle / (is_inside ? level.values[p] : 1.0f));
+      photograph.radiance.values[sample] *= factor;
+      if (photograph.sigma.empty()) continue;
+      float& sigma = photograph.sigma.values[sample];
+      sigma = is_inside ? sigma * factor : std::numeric_limits<float>::infinity();
+    }
+  }
 }
 
 /// A session while it is imported.

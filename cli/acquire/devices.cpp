@@ -4,10 +4,9 @@
 #include <nlohmann/json.hpp>
 
 #include "acquire/devices/drm_monitor.h"
-#include "acquire/devices/genicam_camera.h"
-#include "acquire/devices/gphoto_camera.h"
 #include "acquire/devices/gpio_trigger.h"
 #include "acquire/devices/pixel_formats.h"
+#include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/devices/window_monitor.h"
 #include "cli/acquire/session_rig.h"

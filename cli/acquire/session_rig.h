@@ -13,10 +13,8 @@
 
 #include "acquire/capture/capture.h"
 #include "acquire/devices/drm_monitor.h"
-#include "acquire/devices/genicam_camera.h"
-#include "acquire/devices/gphoto_camera.h"
 #include "acquire/devices/gpio_trigger.h"
-#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/window_monitor.h"
 #include "acquire/illuminator.h"
 #include "core/light/monitor_placement.h"

@@ -6,7 +6,6 @@
 
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"
-#include "acquire/trigger.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/image.h"
 #include "simulate/rig/device_models.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Cameras of Aravis, which speak the real GigE Vision protocol over the loopback interface.
-#include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

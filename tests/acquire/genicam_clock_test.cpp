@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
-#include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "core/base/rng.h"
 
 namespace refield {

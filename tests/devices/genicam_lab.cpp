@@ -22,7 +22,7 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/capture.h"
-#include "acquire/devices/genicam_camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/session/capture_session.h"

@@ -19,7 +19,7 @@
 
 #include "acquire/calibrate/calibrate.h"
 #include "acquire/capture/capture.h"
-#include "acquire/devices/gphoto_camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/rng.h"

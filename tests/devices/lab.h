@@ -2,7 +2,7 @@
 #pragma once
 #include <string>
 
-#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/tethered_camera.h"
 
 namespace refield::test {
 

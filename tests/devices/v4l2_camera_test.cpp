@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/v4l2_camera.h"
 #include "acquire/devices/pixel_formats.h"
+#include "acquire/devices/tethered_camera.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

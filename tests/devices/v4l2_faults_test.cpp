@@ -6,7 +6,7 @@
 #include <atomic>
 #include <thread>
 
-#include "acquire/devices/v4l2_camera.h"
+#include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/v4l2_device.h"
 #include "core/base/errors.h"
 #include "tests/devices/lab.h"
