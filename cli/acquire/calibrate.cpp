@@ -11,11 +11,7 @@
 #include <optional>
 #include <string>
 
-#include "acquire/import/bracket_response.h"
-#include "acquire/import/import_views.h"
-#include "cli/acquire/import.h"
 #include "cli/acquire/session_rig.h"
-#include "cli/acquire/virtual_request.h"
 #include "cli/common/options.h"
 #include "cli/report/page.h"
 #include "cli/run_context.h"
@@ -23,11 +19,12 @@
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/output_lock.h"
-#include "simulate/rig/virtual_rig.h"
 
 namespace refield::cli {
 
 namespace {
+
+namespace fs = std::filesystem;
 
 using nlohmann::ordered_json;
 
@@ -214,63 +211,23 @@ void refuse_existing(const CalibrateVerbOptions& given) {
       throw InputError(path.string() + ": already exists; give --force to replace it, or another name");
 }
 
-RigMeasurements calibrate_devices(const SessionFile& session, CalibrateOptions options) {
-  options.gain = session.gain;
-  SessionRig rig(session);
-  return calibrate(rig.camera(), rig.monitor(), rig.trigger(), options, run_context());
-}
-
-RigMeasurements calibrate_virtual_rig(const CalibrateVerbOptions& given, const CalibrateOptions& options) {
-  const Recipe recipe = read_recipe(given.rig);
-  VirtualRig rig = rig_of(given.truth, recipe, recipe.seed);
-  return calibrate(rig.camera(), rig.illuminator(), nullptr, options, run_context());
-}
-
-/// At most twenty of the brackets, evenly spread.
-std::vector<BracketSamples> brackets_of(const ImportOptions& given) {
-  ImportRequest request;
-  request.photographs = expand_globs(given.photographs);
-  request.rule = given.request.rule;
-  for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
-  constexpr std::size_t enough = 20;
-  auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
-  for (const BracketSamples& bracket : brackets) {
-    const std::string first = bracket.paths.front().string();
-    if (bracket.is_sensor || bracket.bits == 0)
-      throw InputError(
-          first +
-          ": RAW and float files are proportional to light and need no curve; import them as they are");
-    if (bracket.bits != brackets.front().bits)
-      throw InputError(first + ": has a different bit depth from earlier files; give files of one kind");
-    if (bracket.seconds.size() < 2)
-      throw InputError(first +
-                       ": is a single exposure; photograph each view with two or more exposure times");
-    require_brighter_with_time(bracket, {});
-  }
-  return brackets;
-}
-
-double spread_under(const std::vector<BracketSamples>& brackets, const BracketCamera& camera) {
-  double squares = 0.0;
-  for (const BracketSamples& bracket : brackets)
-    squares += std::pow(compare_exposures(bracket, camera).spread, 2) / static_cast<double>(brackets.size());
-  return std::sqrt(squares);
-}
-
 void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
-  std::optional<SessionFile> session;
-  if (!is_recipe(given.rig)) session = read_session_file(given.rig);
-  if (session && !given.truth.empty())
+  SessionFile session = read_session_file(given.rig);
+  if (session.is_recipe)
+    std::get<VirtualCameraOptions>(session.camera).truth = given.truth;
+  else if (!given.truth.empty())
     throw InputError("--truth belongs to a recipe; a rig file names it as 'truth' in [camera]");
-  if (given.output.empty() && session) given.output = session->calibration;
+  if (given.output.empty()) given.output = session.calibration;
   if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
   given.page = fs::path(given.output).replace_extension(".html");
   refuse_existing(given);
   const std::vector<fs::path> inputs = {given.rig};
   const OutputLock lock(given.output, inputs), page_lock(given.page, inputs, ".html");
-  const CalibrateOptions options = options_of(given);
+  CalibrateOptions options = options_of(given);
+  options.gain = session.gain;
+  SessionRig rig(session);
   const RigMeasurements measured =
-      session ? calibrate_devices(*session, options) : calibrate_virtual_rig(given, options);
+      calibrate(rig.camera(), rig.monitor(), rig.trigger(), options, run_context());
   write_calibration(given.output, measured.camera, measured.monitor, measured.timing);
   write_text_atomically(given.page, report::page_html(page_data(measured)));
   if (common.json)
@@ -287,38 +244,6 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
 }
 
 }  // namespace
-
-void estimate_camera_response(const ImportOptions& given, const Common& common) {
-  const fs::path& output = given.request.folder;
-  if (fs::exists(output) && !common.force)
-    throw InputError(output.string() + ": already exists; give --force to replace it, or another name");
-  const OutputLock lock(output, {given.photographs.begin(), given.photographs.end()});
-  const auto brackets = brackets_of(given);
-  const ResponseEstimate estimate = estimate_response(brackets);
-  BracketCamera camera;
-  const double assumed = spread_under(brackets, camera);
-  camera.curve = estimate.linear_from_dn;
-  const double estimated = spread_under(brackets, camera);
-  CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
-  // Saturation was not measured; cameras bend samples below full scale.
-  const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
-  calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
-  write_calibration(output, calibration, std::nullopt);
-  if (common.json) {
-    print_json(ordered_json{{"brackets", brackets.size()},
-                            {"places", estimate.places},
-                            {"residual", estimate.residual},
-                            {"disagreement_assumed", assumed},
-                            {"disagreement", estimated}});
-    return;
-  }
-  std::printf("%s: response estimated from %zu samples of %zu brackets\n", output.c_str(), estimate.places,
-              brackets.size());
-  std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,
-              100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
-  std::printf(
-      "noise is not measured; the file contains the default noise values of 'refield acquire import'\n");
-}
 
 void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action) {
   const auto options = std::make_shared<CalibrateVerbOptions>();

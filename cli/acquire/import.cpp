@@ -2,9 +2,12 @@
 // refield acquire import: photographs of other tools, bracketed or of a light stage, to a capture session or
 // a series of HDR photographs.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,9 +15,11 @@
 #include "acquire/hdr/hdr_merge.h"
 #include "acquire/import/bracket_merge.h"
 #include "acquire/import/bracket_response.h"
+#include "acquire/import/import_series.h"
+#include "acquire/import/import_views.h"
 #include "acquire/light_probe/unwrap.h"
+#include "acquire/series/match_series.h"
 #include "cli/acquire/capture_report.h"
-#include "cli/acquire/import.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
@@ -28,6 +33,28 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
+
+/// Options of `refield acquire import`.
+struct ImportOptions {
+  ImportRequest request;
+  std::vector<std::string> photographs;
+  std::string ambient;
+  std::string light;
+  std::string light_sources;  ///< a file, or "ball"
+  std::vector<double> object_at;
+  std::string ball = "find";
+  std::optional<double> horizontal_fov;
+  std::string flat_fields;
+  std::string
+      pair_by;  ///< "name", "order", "time"; empty: by name where the names have a pattern, else by order
+  std::string light_content = "radiance";
+  std::string parameterisation;
+  std::vector<std::string> placements;
+  std::vector<double> exposures;
+  std::string mask;
+  std::string offset = "0", drift = "0";  ///< of clocks: a number or "auto"
+  std::optional<double> max_gap;
+};
 
 ImportRequest request_of(const ImportOptions& options) {
   ImportRequest request = options.request;
@@ -123,6 +150,151 @@ void merge_one_view(const ImportOptions& options, const Common& common) {
                 image["seconds"].get<double>(), 100.0 * image["useful_fraction"].get<double>());
   std::printf("%s: %.3f %% of the samples are clipped in every exposure\n", output.c_str(),
               100.0 * statistics.clipped_fraction);
+}
+
+/// At most twenty of the brackets, evenly spread.
+std::vector<BracketSamples> brackets_of(const ImportOptions& given) {
+  ImportRequest request;
+  request.photographs = expand_globs(given.photographs);
+  request.rule = given.request.rule;
+  for (const double seconds : given.exposures) request.exposures.emplace_back(seconds);
+  constexpr std::size_t enough = 20;
+  auto brackets = sample_series(views_of(request, run_context()), request, enough, run_context());
+  for (const BracketSamples& bracket : brackets) {
+    const std::string first = bracket.paths.front().string();
+    if (bracket.is_sensor || bracket.bits == 0)
+      throw InputError(
+          first +
+          ": RAW and float files are proportional to light and need no curve; import them as they are");
+    if (bracket.bits != brackets.front().bits)
+      throw InputError(first + ": has a different bit depth from earlier files; give files of one kind");
+    if (bracket.seconds.size() < 2)
+      throw InputError(first +
+                       ": is a single exposure; photograph each view with two or more exposure times");
+    require_brighter_with_time(bracket, {});
+  }
+  return brackets;
+}
+
+double spread_under(const std::vector<BracketSamples>& brackets, const BracketCamera& camera) {
+  double squares = 0.0;
+  for (const BracketSamples& bracket : brackets)
+    squares += std::pow(compare_exposures(bracket, camera).spread, 2) / static_cast<double>(brackets.size());
+  return std::sqrt(squares);
+}
+
+/// The response curve of the camera.
+void estimate_camera_response(const ImportOptions& given, const Common& common) {
+  const fs::path& output = given.request.folder;
+  if (fs::exists(output) && !common.force)
+    throw InputError(output.string() + ": already exists; give --force to replace it, or another name");
+  const OutputLock lock(output, {given.photographs.begin(), given.photographs.end()});
+  const auto brackets = brackets_of(given);
+  const ResponseEstimate estimate = estimate_response(brackets);
+  BracketCamera camera;
+  const double assumed = spread_under(brackets, camera);
+  camera.curve = estimate.linear_from_dn;
+  const double estimated = spread_under(brackets, camera);
+  CameraCalibration calibration = bracket_calibration(camera, brackets.front().bits);
+  // Saturation was not measured; cameras bend samples below full scale.
+  const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
+  calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
+  write_calibration(output, calibration, std::nullopt);
+  if (common.json) {
+    print_json(ordered_json{{"brackets", brackets.size()},
+                            {"places", estimate.places},
+                            {"residual", estimate.residual},
+                            {"disagreement_assumed", assumed},
+                            {"disagreement", estimated}});
+    return;
+  }
+  std::printf("%s: response estimated from %zu samples of %zu brackets\n", output.c_str(), estimate.places,
+              brackets.size());
+  std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,
+              100.0 * assumed, brackets.front().bits == 8 ? "sRGB" : "a linear response");
+  std::printf(
+      "noise is not measured; the file contains the default noise values of 'refield acquire import'\n");
+}
+
+std::optional<double> number_or_auto(const std::string& text, const char* option) {
+  if (text == "auto") return std::nullopt;
+  char* end = nullptr;
+  const double number = std::strtod(text.c_str(), &end);
+  if (end == text.c_str() || *end != '\0' || !std::isfinite(number))
+    throw InputError(std::string(option) + ": '" + text + "' is not valid; give a number or auto");
+  return number;
+}
+
+ordered_json figures_of(const MatchSummary& summary) {
+  const auto list = [](const std::vector<LeftOut>& files) {
+    ordered_json array = ordered_json::array();
+    for (const LeftOut& file : files)
+      array.push_back({{"file", file.file.string()}, {"reason", file.reason}});
+    return array;
+  };
+  ordered_json pairs = ordered_json::array();
+  for (const MatchedPair& pair : summary.pairs)
+    pairs.push_back({{"observed", pair.observed.string()},
+                     {"light", pair.probe.string()},
+                     {"apart_seconds", pair.apart_seconds}});
+  ordered_json figures = {{"offset_seconds", summary.clocks.offset_seconds},
+                          {"drift_ppm", 1e6 * summary.clocks.drift},
+                          {"tolerance_seconds", summary.tolerance_seconds}};
+  if (summary.estimate) {
+    figures["correlation"] = summary.estimate->correlation;
+    figures["runner_up"] = summary.estimate->runner_up;
+  }
+  figures["pairs"] = pairs;
+  figures["observed_left_out"] = list(summary.observed_left_out);
+  figures["lights_left_out"] = list(summary.probes_left_out);
+  return figures;
+}
+
+void print(const MatchSummary& summary, const fs::path& folder) {
+  if (summary.estimate)
+    std::printf(
+        "clocks, estimated from brightness: the scene camera is %.2f s ahead and gains %.1f ppm (correlation "
+        "%.3f; second-best offset %.3f)\n",
+        summary.clocks.offset_seconds, 1e6 * summary.clocks.drift, summary.estimate->correlation,
+        summary.estimate->runner_up);
+  for (const auto& [what, files] :
+       {std::pair{"photograph", &summary.observed_left_out}, std::pair{"light", &summary.probes_left_out}})
+    for (const LeftOut& file : *files)
+      std::printf("left out: %s %s: %s\n", what, file.file.c_str(), file.reason.c_str());
+  double sum = 0.0, most = 0.0;
+  for (const MatchedPair& pair : summary.pairs) {
+    sum += std::abs(pair.apart_seconds);
+    most = std::max(most, std::abs(pair.apart_seconds));
+  }
+  std::printf(
+      "%s: %zu pairs, %.2f s apart on average, %.2f s at most; left out: %zu photographs, %zu lights\n",
+      folder.c_str(), summary.pairs.size(), sum / static_cast<double>(summary.pairs.size()), most,
+      summary.observed_left_out.size(), summary.probes_left_out.size());
+}
+
+/// HDR photographs, paired with light maps by their times.
+void match_by_time(const ImportOptions& options, const Common& common) {
+  if (options.photographs.size() != 1)
+    throw InputError("--pair-by time takes one folder or quoted pattern of HDR photographs (.exr)");
+  MatchRequest request;
+  request.observed = options.photographs.front();
+  request.probes = options.light;
+  request.folder = options.request.folder;
+  request.if_exists = options.request.if_exists;
+  request.test_every = options.request.test_every;
+  request.offset_seconds = number_or_auto(options.offset, "--offset");
+  request.drift_ppm = number_or_auto(options.drift, "--drift");
+  request.tolerance_seconds = options.max_gap;
+  request.parameterisation = parameterisation_of(options.parameterisation, options.light);
+  if (!options.mask.empty()) request.mask = options.mask;
+  const OutputLock lock(request.folder, {});
+  if (request.if_exists == IfExists::replace)
+    require_outside(request.folder, {request.observed, request.probes, options.mask});
+  const MatchSummary summary = match_series(request, run_context());
+  if (common.json)
+    print_json(figures_of(summary));
+  else
+    print(summary, request.folder);
 }
 
 void run_import(const ImportOptions& options, const Common& common) {

@@ -35,11 +35,4 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
 /// CRC-32 of a file, eight hexadecimal digits: how a plan names what it rests on.
 std::string checksum_text(const std::filesystem::path& file);
 
-/// Views of a lat-long panorama, turned step by step about the vertical axis, as training lights of width ×
-/// height texels; they are written into `folder`. The panorama's brightness at `white_percentile` is shown as
-/// `white`, the monitor's brightest radiance of each channel; what is brighter clips. Throws InputError for
-/// an image that is no panorama.
-std::vector<CaptureLight> panorama_lights(const SessionLights& wanted, int width, int height, float white,
-                                          const std::filesystem::path& folder);
-
 }  // namespace refield::cli

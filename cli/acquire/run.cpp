@@ -9,45 +9,121 @@
 #include "cli/acquire/light_list.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
-#include "cli/acquire/virtual_request.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/output_lock.h"
+#include "core/image/image_io.h"
 #include "core/image/tone_map.h"
+#include "simulate/tabletop/surface.h"
 
 namespace refield::cli {
 
 namespace {
 
-/// Options of a rig file as well as of a recipe are those of VirtualOptions.
-struct RunOptions : VirtualOptions {
+namespace fs = std::filesystem;
+
+/// What replaces values of the rig file or the recipe.
+struct RunOptions {
+  fs::path rig;  ///< rig file or recipe
+  fs::path truth;
+  fs::path session;
+  fs::path calibration;
+  std::string light;
+  std::vector<double> exposures;
+  std::string max_noise;
+  bool auto_mask = false;
+  std::string order;
+  std::string until_error;
+  int min_images = 30;
+  bool keep_raw = false;
+  IfExists if_exists = IfExists::refuse;
   bool follow_error = false;
   bool quick = false;
   int check_every = 0;
 };
 
+RelativeMap map_of(const Falloff& falloff) {
+  if (falloff.loss == 0.0) return {};
+  RelativeMap map{17, 13, {}};
+  for (int j = 0; j < map.rows; ++j)
+    for (int i = 0; i < map.columns; ++i)
+      map.values.push_back(
+          static_cast<float>(falloff.at_share(i / (map.columns - 1.0), j / (map.rows - 1.0))));
+  return map;
+}
+
+/// What a calibration of the virtual camera would find out.
+CameraCalibration calibration_of(const SensorModel& sensor, const SceneCamera& place, double gain) {
+  CameraCalibration camera;
+  camera.bits = sensor.bits;
+  camera.linear_from_dn = sensor.response_gamma == 1.0 ? linear_response(sensor.bits)
+                                                       : gamma_response(sensor.bits, sensor.response_gamma);
+  camera.black_level_dn = sensor.black_level_dn;
+  const double full = sensor.full_scale();
+  const double full_well_dn =
+      sensor.black_level_dn + gain * sensor.full_well_electrons / sensor.electrons_per_dn;
+  camera.saturation_dn =
+      std::round(full * std::pow(std::min(full_well_dn / full, 1.0), 1.0 / sensor.response_gamma));
+  camera.electrons_per_dn = sensor.electrons_per_dn;
+  camera.read_noise_electrons = sensor.read_noise_electrons;
+  camera.electrons_per_radiance_second = sensor.sensitivity;
+  camera.flat_field = map_of({place.width, place.height, sensor.vignetting});
+  return camera;
+}
+
+MonitorCalibration calibration_of(const MonitorModel& model, const MonitorInScene& place) {
+  MonitorCalibration monitor;
+  monitor.uniformity = map_of({place.texels.width, place.texels.height, model.falloff});
+  const auto curve = model.as_stated().tone_curve();
+  for (int c = 0; c < 3; ++c) monitor.radiance_from_level[c].assign(curve[c].begin(), curve[c].end());
+  return monitor;
+}
+
+TimingCalibration timing_of(const RigRecipe& rig) {
+  TimingCalibration timing;
+  timing.display_latency = rig.monitor.latency;
+  timing.display_settling = rig.monitor.settling;
+  timing.control_latency_frames = rig.sensor.control_latency_frames;
+  timing.refresh_period = rig.monitor.refresh_interval;
+  if (rig.monitor.pwm_hz > 0.0) timing.exposure_unit = Seconds(1.0 / rig.monitor.pwm_hz);
+  return timing;
+}
+
+std::string text_of(const VirtualCameraOptions& camera, const Recipe& recipe) {
+  std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
+  if (!recipe.base.empty()) text += ", base " + checksum_text(recipe.base);
+  if (camera.truth.empty()) {
+    text += ", traced";
+  } else {
+    text += ", transport " + checksum_text(camera.truth / transport_file_name);
+    const fs::path ambient = camera.truth / ambient_file_name;
+    text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+  }
+  return text + ", seed " + std::to_string(recipe.seed);
+}
+
 /// The plan names devices by what decides their frames, and by what stays the same when a cable is plugged in
 /// again.
-std::string rig_text(const SessionFile& session, const CameraDescription& camera,
-                     const IlluminatorDescription& monitor) {
-  const auto text_of = [](const auto& value) {
+std::string rig_text(const SessionFile& session, SessionRig& rig) {
+  if (rig.recipe()) return text_of(std::get<VirtualCameraOptions>(session.camera), *rig.recipe());
+  const auto text_of_value = [](const auto& value) {
     if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>)
       return value;
     else
       return std::to_string(value);
   };
-  std::string text = "camera " + camera.name + " ";
+  std::string text = "camera " + rig.camera().describe().name + " ";
   std::visit(
       [&](const auto& options) {
         text += options.format;
         if (options.window)
           text += " window " + std::to_string(options.window->x) + "," + std::to_string(options.window->y);
-        for (const auto& [name, value] : options.controls) text += " " + name + "=" + text_of(value);
+        for (const auto& [name, value] : options.controls) text += " " + name + "=" + text_of_value(value);
       },
       session.camera);
-  text += "; monitor " + monitor.name;
+  text += "; monitor " + rig.monitor().describe().name;
   return text + (session.trigger ? "; trigger " + session.trigger->trigger.text() : "");
 }
 
@@ -88,39 +164,43 @@ std::vector<CaptureLight> lights_of(const SessionFile& session, const Illuminato
   };
   if (!wanted.session.empty()) add(lights_of_session(wanted.session));
   if (!wanted.images.empty()) add(lights_of_files(wanted.images));
-  if (!wanted.panorama.empty())
-    add(panorama_lights(wanted, monitor.width, monitor.height, white_of(calibration),
-                        fs::path(session.output) += "_lights"));
   if (!wanted.test_images.empty()) add(lights_of_files(wanted.test_images), FrameRole::test);
   fs::path reference = session.reference_light;
-  if (wanted.session.empty()) {
+  if (wanted.session.empty() && !session.is_recipe) {
     const fs::path white = add_primaries_and_white(
         lights, monitor.width, monitor.height, white_of(calibration), fs::path(session.output) += "_lights");
     if (reference.empty()) reference = white;
   }
-  constexpr std::uint64_t order_seed = 1;
-  order_lights(lights, session.order, order_seed);
+  order_lights(lights, session.order, session.order_seed);
   if (quick) keep_quick(lights);
   return with_references(lights, session.reference_every, reference);
 }
 
-CaptureRequest request_of(const SessionFile& session, const CameraDescription& camera,
-                          const IlluminatorDescription& monitor, bool quick) {
+CaptureRequest request_of(const SessionFile& session, SessionRig& rig, bool quick) {
   CaptureRequest request;
   request.folder = session.output;
-  request.camera = read_camera_calibration(session.calibration);
-  request.monitor = read_monitor_calibration(session.calibration);
-  request.timing = read_timing_calibration(session.calibration);
-  request.lights = lights_of(session, monitor, request.monitor, quick);
-  request.rig = rig_text(session, camera, monitor);
+  if (session.calibration.empty()) {
+    const Recipe& recipe = *rig.recipe();
+    request.camera = calibration_of(recipe.rig.sensor, recipe.scene.camera, session.gain);
+    request.monitor = calibration_of(recipe.rig.monitor, recipe.scene.monitor);
+    request.timing = timing_of(recipe.rig);
+  } else {
+    request.camera = read_camera_calibration(session.calibration);
+    request.monitor = read_monitor_calibration(session.calibration);
+    request.timing = read_timing_calibration(session.calibration);
+  }
+  request.lights = lights_of(session, rig.monitor().describe(), request.monitor, quick);
+  request.rig = rig_text(session, rig);
   request.monitors = session.placements;
-  if (const auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
-      simulated && request.monitors.empty())
-    request.monitors = monitor_placements(read_recipe(simulated->recipe).scene);
+  if (rig.recipe() && request.monitors.empty()) request.monitors = monitor_placements(rig.recipe()->scene);
   for (double seconds : session.exposures) request.exposures.emplace_back(seconds);
   request.exposure_plan.count = session.exposure_count;
   request.exposure_plan.ratio = session.exposure_ratio;
-  if (!session.max_noise.empty()) request.exposure_plan.relative_noise = error_from_text(session.max_noise);
+  if (!session.max_noise.empty())
+    request.exposure_plan.relative_noise = error_from_text(session.max_noise);
+  else if (session.longest_exposure)
+    request.exposure_plan.shortest =
+        *session.longest_exposure * std::pow(session.exposure_ratio, 1 - session.exposure_count);
   if (request.timing) request.exposure_plan.multiple_of = request.timing->exposure_unit;
   request.frames_per_exposure = session.frames;
   request.ambient_repeats = session.ambient_frames;
@@ -142,18 +222,6 @@ std::function<void(const Photograph&)> preview_into(const fs::path& file) {
   };
 }
 
-/// What must stand before the virtual camera is known before anything is written.
-void require_scene(const RunOptions& options) {
-  const std::string remedy =
-      "make it with 'refield simulate " + options.recipe.string() + " -o TRUTH' and give --truth TRUTH";
-  if (options.session.empty()) throw InputError("--output is missing; give the session folder to create");
-  if (options.truth.empty() && options.light.empty())
-    throw InputError("neither --truth nor --light is given; " + remedy);
-  if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
-    throw InputError((options.truth / transport_file_name).string() +
-                     ": the scene's light transport is missing; " + remedy);
-}
-
 /// Predicts the error during the capture where the options ask for it. `until_error`: "" or where to stop.
 std::optional<UntilError> predict_errors(const RunOptions& options, const std::string& until_error) {
   constexpr int every = 10;
@@ -162,33 +230,29 @@ std::optional<UntilError> predict_errors(const RunOptions& options, const std::s
                                         options.min_images, every);
 }
 
-void run_recipe(const RunOptions& options, const Common& common) {
-  const Recipe recipe = read_recipe(options.recipe);
-  require_scene(options);
-  const std::uint64_t seed = recipe.seed;
-  check_session_folder(options.session, options.if_exists);
-  const OutputLock lock(options.session, {});
-  if (options.if_exists == IfExists::replace)
-    require_outside(options.session, {options.light, options.truth, options.calibration});
-  CaptureRequest request = request_of(options, recipe, seed);
-  if (options.quick) keep_quick(request.lights);
-  auto until = predict_errors(options, options.until_error);
-  if (until) until->attach(request);
-  CaptureWatch watch(options.check_every);
-  if (options.check_every > 0) watch.attach(request);
-  VirtualRig rig = rig_of(options.truth, recipe, seed);
-  request.before_light = place_teller(rig, request.lights);
-  const CaptureSummary summary = capture(request, rig.camera(), rig.illuminator(), nullptr, run_context());
-  report_capture(summary, options.session, options.until_error.empty() ? nullptr : &*until, common);
+/// What a recipe does not say must be given before anything is written.
+void require_scene(const RunOptions& options) {
+  const std::string remedy =
+      "make it with 'refield simulate " + options.rig.string() + " -o TRUTH' and give --truth TRUTH";
+  if (options.session.empty()) throw InputError("--output is missing; give the session folder to create");
+  if (options.truth.empty() && options.light.empty())
+    throw InputError("neither --truth nor --light is given; " + remedy);
+  if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
+    throw InputError((options.truth / transport_file_name).string() +
+                     ": the scene's light transport is missing; " + remedy);
 }
 
 /// The rig file with what the options replace.
 SessionFile session_of(const RunOptions& options) {
-  SessionFile session = read_session_file(options.recipe);
+  SessionFile session = read_session_file(options.rig);
+  if (session.is_recipe) {
+    require_scene(options);
+    session.lights.session = options.truth;
+  }
   if (!options.truth.empty()) {
     auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
     if (!simulated)
-      throw InputError("--truth belongs to a simulated rig; the camera of " + options.recipe.string() +
+      throw InputError("--truth belongs to a simulated rig; the camera of " + options.rig.string() +
                        " is real");
     simulated->truth = options.truth;
   }
@@ -213,19 +277,17 @@ SessionFile session_of(const RunOptions& options) {
 }
 
 void run_session(const RunOptions& options, const Common& common) {
-  if (is_recipe(options.recipe)) return run_recipe(options, common);
   const SessionFile session = session_of(options);
   check_session_folder(session.output, options.if_exists);
   const OutputLock lock(session.output, {});
   if (options.if_exists == IfExists::replace) {
     const SessionLights& lights = session.lights;
     require_outside(session.output,
-                    {lights.session, lights.images, lights.test_images, lights.panorama, session.calibration,
+                    {lights.session, lights.images, lights.test_images, options.truth, session.calibration,
                      session.mask, session.background, session.reference_light});
   }
   SessionRig rig(session);
-  CaptureRequest request =
-      request_of(session, rig.camera().describe(), rig.monitor().describe(), options.quick);
+  CaptureRequest request = request_of(session, rig, options.quick);
   request.if_exists = options.if_exists;
   request.before_light = rig.before_light(request.lights);
   if (!session.preview.empty()) request.on_photograph = preview_into(session.preview);
@@ -238,7 +300,7 @@ void run_session(const RunOptions& options, const Common& common) {
   CaptureWatch watch(options.check_every);
   if (options.check_every > 0) watch.attach(request);
   const CaptureSummary summary = capture(request, rig.camera(), rig.monitor(), rig.trigger(), run_context());
-  const CameraTroubles& troubles = rig.camera().troubles();
+  const CameraTroubles troubles = rig.troubles();
   if (troubles.damaged + troubles.restarts + troubles.replugs > 0)
     tell("the camera delivered " + std::to_string(troubles.damaged) +
          " damaged frames, restarted its stream " + std::to_string(troubles.restarts) +
@@ -268,7 +330,7 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
       "Examples:\n"
       "  refield acquire run rig.toml\n"
       "  refield acquire run recipe.toml --truth truth -o session --auto-mask");
-  add_rig_argument(*verb, options->recipe);
+  add_rig_argument(*verb, options->rig);
   verb->add_option("-o,--output", options->session, "Session folder to create (default: from the rig file)");
   add_truth_option(*verb, options->truth);
   verb->add_option("--light", options->light,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/acquire/session_rig.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <mutex>
 #include <set>
@@ -8,10 +9,12 @@
 #include <string>
 
 #include "acquire/devices/v4l2_device.h"
-#include "cli/acquire/virtual_request.h"
 #include "cli/run_context.h"
 #include "core/base/config_file.h"
-#include "core/light/monitor_placement.h"
+#include "core/field_io/reflectance_field_file.h"
+#include "core/image/image_io.h"
+#include "simulate/tabletop/scene.h"
+#include "simulate/tabletop/simulate.h"
 
 namespace refield::cli {
 
@@ -149,13 +152,8 @@ void read_lights(ConfigSection section, const fs::path& folder, SessionLights& l
   read_path(section, "session", folder, lights.session);
   read_pattern(section, "images", folder, lights.images);
   read_pattern(section, "test_images", folder, lights.test_images);
-  read_path(section, "panorama", folder, lights.panorama);
-  section.integer("rotations", lights.rotations, 1, 100'000);
-  section.number("vertical_fov_degrees", lights.fov_degrees, 1.0, 170.0);
-  section.number("white_percentile", lights.white_percentile, 1.0, 100.0);
-  if (lights.session.empty() && lights.images.empty() && lights.panorama.empty())
-    section.fail("images",
-                 "no light maps are given; give images (a folder or a pattern), a session or a panorama");
+  if (lights.session.empty() && lights.images.empty())
+    section.fail("images", "no light maps are given; give images (a folder or a pattern) or a session");
   section.finish();
 }
 
@@ -187,11 +185,22 @@ void read_session(ConfigSection section, const fs::path& folder, SessionFile& se
   section.finish();
 }
 
-}  // namespace
-
-bool is_recipe(const fs::path& path) {
-  return !ConfigFile(path, "rig file or recipe", "docs/reference/devices.md").has("session");
+void read_recipe_of(const fs::path& path, SessionFile& session) {
+  const Recipe recipe = read_recipe(path);
+  session.is_recipe = true;
+  VirtualCameraOptions camera;
+  camera.recipe = path;
+  session.camera = camera;
+  session.exposure_count = recipe.rig.exposures.count;
+  session.exposure_ratio = recipe.rig.exposures.ratio;
+  session.longest_exposure = recipe.rig.exposures.longest;
+  session.frames = recipe.rig.exposures.frames;
+  session.ambient_frames = recipe.rig.exposures.ambient_frames;
+  session.reference_every = recipe.rig.reference_every;
+  session.order_seed = recipe.seed;
 }
+
+}  // namespace
 
 void add_rig_argument(CLI::App& verb, fs::path& rig) {
   verb.add_option("rig_file", rig,
@@ -207,10 +216,14 @@ CLI::Option* add_truth_option(CLI::App& verb, fs::path& truth) {
 }
 
 SessionFile read_session_file(const fs::path& path) {
-  const ConfigFile file(path, "rig file", "docs/reference/devices.md");
-  file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
+  const ConfigFile file(path, "rig file or recipe", "docs/reference/devices.md");
   SessionFile session;
   session.path = path;
+  if (!file.has("session")) {
+    read_recipe_of(path, session);
+    return session;
+  }
+  file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
   const fs::path folder = fs::absolute(path).parent_path();
   read_session(file.section("session"), folder, session);
   session.camera = read_camera(file.section("camera"), file.optional_section("controls"), folder);
@@ -229,29 +242,42 @@ RunContext run_with_notices() {
   return run;
 }
 
-/// What never fails.
-class SimulatedCamera final : public TetheredCamera {
- public:
-  explicit SimulatedCamera(Camera& camera) : camera_(camera) {}
-  CameraDescription describe() const override { return camera_.describe(); }
-  TimePoint set_exposure(Seconds exposure, double gain) override {
-    return camera_.set_exposure(exposure, gain);
-  }
-  RawFrame next_frame(Seconds timeout) override { return camera_.next_frame(timeout); }
-
- private:
-  Camera& camera_;
-};
-
-std::optional<VirtualRig> virtual_rig_of(const SessionFile& session) {
+std::optional<Recipe> recipe_of(const SessionFile& session) {
   const auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
-  if (!simulated) return std::nullopt;
-  const Recipe recipe = read_recipe(simulated->recipe);
-  return rig_of(simulated->truth, recipe, recipe.seed);
+  return simulated ? std::optional(read_recipe(simulated->recipe)) : std::nullopt;
 }
 
-std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session, std::optional<VirtualRig>& simulated) {
-  if (simulated) return std::make_unique<SimulatedCamera>(simulated->camera());
+/// The scene before the virtual camera: from the folder `truth` that 'refield simulate' made or, where it is
+/// empty, traced now.
+TracedScene scene_of(const fs::path& truth, const Recipe& recipe) {
+  constexpr int balanced_quality = 2;
+  if (truth.empty())
+    return trace_scene(recipe.scene, TraceOptions::of_quality(balanced_quality, recipe.seed), run_context());
+  const fs::path ambient = truth / ambient_file_name;
+  return {read_reflectance_field(truth / transport_file_name, run_context()),
+          fs::exists(ambient) ? read_image(ambient) : Image()};
+}
+
+/// The virtual camera and monitor of a recipe, with all that it says of them. The scene is traced for each
+/// position of a camera that moves.
+VirtualRig virtual_rig(const fs::path& truth, const Recipe& recipe) {
+  TracedScene scene = scene_of(truth, recipe);
+  Recipe traced = recipe;  // 'refield simulate' may have been told another size
+  traced.scene.camera.width = scene.transport.width;
+  traced.scene.camera.height = scene.transport.height;
+  traced.scene.monitor.texels = scene.transport.basis.domain;
+  VirtualRig rig(std::move(scene.transport), std::move(scene.ambient), recipe.rig.monitor, recipe.rig.sensor,
+                 recipe.seed);
+  rig.disturb(recipe.rig.disturbances, [truth, traced](const Disturbances::Move& to) {
+    if (to.right_px == 0.0 && to.down_px == 0.0) return scene_of(truth, traced);
+    Recipe moved = traced;
+    moved.scene.camera = turned(moved.scene.camera, to.right_px, to.down_px);
+    return scene_of({}, moved);
+  });
+  return rig;
+}
+
+std::unique_ptr<TetheredCamera> open_camera(const SessionFile& session) {
   if (const auto* genicam = std::get_if<GenicamCameraOptions>(&session.camera))
     return open_camera(*genicam, run_with_notices());
   if (const auto* gphoto = std::get_if<GphotoCameraOptions>(&session.camera))
@@ -259,9 +285,7 @@ std::unique_ptr<TetheredCamera> camera_of(const SessionFile& session, std::optio
   return open_camera(std::get<V4l2CameraOptions>(session.camera), run_with_notices());
 }
 
-/// null where the virtual rig has one.
-std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
-  if (std::holds_alternative<VirtualCameraOptions>(session.camera)) return nullptr;
+std::unique_ptr<Illuminator> open_monitor(const SessionFile& session) {
   if (!session.window) return std::make_unique<DrmMonitor>(session.monitor);
   auto window = std::make_unique<WindowMonitor>(*session.window);
   if (!window->waits_for_blanking())
@@ -273,15 +297,26 @@ std::unique_ptr<Illuminator> monitor_of(const SessionFile& session) {
 
 }  // namespace
 
-SessionRig::SessionRig(const SessionFile& session)
-    : virtual_(virtual_rig_of(session)),
-      camera_(camera_of(session, virtual_)),
-      monitor_(monitor_of(session)) {
+SessionRig::SessionRig(const SessionFile& session) : recipe_(recipe_of(session)) {
+  if (recipe_) {
+    virtual_.emplace(virtual_rig(std::get<VirtualCameraOptions>(session.camera).truth, *recipe_));
+  } else {
+    camera_ = open_camera(session);
+    monitor_ = open_monitor(session);
+  }
   if (session.trigger) trigger_.emplace(*session.trigger, run_context());
 }
 
 std::function<void(std::size_t)> SessionRig::before_light(const std::vector<CaptureLight>& lights) {
-  return virtual_ ? place_teller(*virtual_, lights) : nullptr;
+  if (!virtual_) return nullptr;
+  std::uint32_t references = 0;
+  std::vector<std::uint32_t> repetition;
+  for (const CaptureLight& light : lights)
+    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
+  return [this, repetition](std::size_t i) {
+    const double last = std::max<double>(1.0, static_cast<double>(repetition.size()) - 1.0);
+    virtual_->set_place(static_cast<double>(i) / last, repetition[i]);
+  };
 }
 
 void tell(const std::string& sentence) {
@@ -365,10 +400,6 @@ height = 90
 images = "lights/train_*.exr"     # training light maps: 'refield acquire lights --starter -o lights'
 test_images = "lights/test_*.exr" # held-out light maps, which measure the error
 # session = "other"               # use the lights of another session, with their roles
-# panorama = "room.exr"           # lat-long environment map; the monitor shows views of it
-# rotations = 60                  # number of views of the panorama
-# vertical_fov_degrees = 90       # of a view
-# white_percentile = 99           # percentile of the panorama's brightness that is shown as white
 
 [exposures]
 # seconds = [0.005, 0.02, 0.08]   # default: metered under white, with 'count' and 'ratio'

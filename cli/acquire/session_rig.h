@@ -19,18 +19,15 @@
 #include "acquire/illuminator.h"
 #include "core/light/monitor_placement.h"
 #include "simulate/rig/virtual_rig.h"
+#include "simulate/tabletop/recipe.h"
 
 namespace refield::cli {
 
 /// What a session is lit by.
 struct SessionLights {
-  std::filesystem::path session;   ///< another session, whose lights with their roles are shown
-  std::string images;              ///< folder or pattern of light maps to estimate from
-  std::string test_images;         ///< held out
-  std::filesystem::path panorama;  ///< lat-long map, of which the monitor shows views
-  int rotations = 60;              ///< of the panorama, evenly spread
-  double fov_degrees = 90.0;       ///< vertical, of a view
-  double white_percentile = 99.0;  ///< of the panorama's brightness: shown as the monitor's white
+  std::filesystem::path session;  ///< another session, whose lights with their roles are shown
+  std::string images;             ///< folder or pattern of light maps to estimate from
+  std::string test_images;        ///< held out
 };
 
 /// The simulated camera and monitor of a recipe, instead of devices.
@@ -40,11 +37,13 @@ struct VirtualCameraOptions : CameraOptions {
   std::map<std::string, std::string> controls;  ///< none; for code that treats all cameras alike
 };
 
-/// A rig file: everything that `refield acquire run` needs to know, see docs/reference/devices.md.
+/// A rig file, or what a recipe says of the capture of its scene: everything that `refield acquire run` needs
+/// to know, see docs/reference/devices.md.
 struct SessionFile {
   std::filesystem::path path;
+  bool is_recipe = false;
   std::filesystem::path output;
-  std::filesystem::path calibration;
+  std::filesystem::path calibration;  ///< empty: what the recipe says, without error
   /// By the prefixes "genicam:", "gphoto:" and "virtual:".
   std::variant<V4l2CameraOptions, GenicamCameraOptions, GphotoCameraOptions, VirtualCameraOptions> camera;
   DrmMonitorOptions monitor;
@@ -55,6 +54,7 @@ struct SessionFile {
   std::vector<double> exposures;  ///< seconds; empty: by count and ratio
   int exposure_count = 4;
   double exposure_ratio = 4.0;
+  std::optional<Seconds> longest_exposure;  ///< else metered
   std::string max_noise;  ///< instead: as few exposures as keep it below this share, such as "2%"
   int frames = 1;
   int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
@@ -64,19 +64,16 @@ struct SessionFile {
   int reference_every = 20;
   std::filesystem::path reference_light;
   std::string order = "given";
+  std::uint64_t order_seed = 1;
   std::string until_error;
   bool keep_raw = false;
   bool half = false;
   std::filesystem::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
 };
 
-/// Reads a rig file; paths in it are relative to its folder. Throws InputError naming file, line, key,
-/// value and remedy.
+/// Reads a rig file, in which paths are relative to its folder, or a recipe, which has no section "session"
+/// and says neither output nor lights. Throws InputError naming file, line, key, value and remedy.
 SessionFile read_session_file(const std::filesystem::path& path);
-
-/// Whether a file describes a simulated rig and its scene instead of naming devices. Throws InputError for
-/// one that is missing or no TOML.
-bool is_recipe(const std::filesystem::path& path);
 
 /// The argument "rig", a rig file or a recipe, and --truth.
 void add_rig_argument(CLI::App& verb, std::filesystem::path& rig);
@@ -97,13 +94,19 @@ class SessionRig {
   /// Throws InputError for what a device cannot do, DeviceError where one is missing or refuses.
   explicit SessionRig(const SessionFile& session);
 
-  TetheredCamera& camera() { return *camera_; }
+  Camera& camera() { return virtual_ ? virtual_->camera() : *camera_; }
   Illuminator& monitor() { return virtual_ ? virtual_->illuminator() : *monitor_; }
-  /// For CaptureRequest::before_light; null for real devices.
+  /// For CaptureRequest::before_light: tells a virtual rig how far the capture is, see
+  /// VirtualRig::set_place(); null for real devices.
   std::function<void(std::size_t)> before_light(const std::vector<CaptureLight>& lights);
+  /// Null for real devices.
+  const Recipe* recipe() const { return recipe_ ? &*recipe_ : nullptr; }
+  /// None for virtual devices.
+  CameraTroubles troubles() const { return camera_ ? camera_->troubles() : CameraTroubles(); }
   Trigger* trigger() { return trigger_ ? &*trigger_ : nullptr; }
 
  private:
+  std::optional<Recipe> recipe_;
   std::optional<VirtualRig> virtual_;
   std::unique_ptr<TetheredCamera> camera_;
   std::unique_ptr<Illuminator> monitor_;

@@ -53,14 +53,14 @@ TEST(SessionFile, GenicamCamerasHaveKeysOfTheirOwn) {
 constexpr const char* some_lights = "images = \"lights\"";
 INSTANTIATE_TEST_SUITE_P(
     Tables, SessionFileMistake,
-    ::testing::Values(Mistake{"UnknownKey", "conector = \"HDMI-A-1\"", some_lights,
-                              "rig.toml:7: [monitor] conector"},
-                      Mistake{"WindowWithConnector", "window = true\nconnector = \"HDMI-A-1\"", some_lights,
-                              "rig.toml:8: [monitor] connector"},
-                      Mistake{"DisplayWithoutWindow", "display = 1", some_lights, "window = true"},
-                      Mistake{"NoLights", "width = 32", "rotations = 4", "no light maps are given"},
-                      // A sound file: the camera is the first thing that is missing.
-                      Mistake{"NoCamera", "window = true", some_lights, "no such camera"}),
+    ::testing::Values(
+        Mistake{"UnknownKey", "conector = \"HDMI-A-1\"", some_lights, "rig.toml:7: [monitor] conector"},
+        Mistake{"WindowWithConnector", "window = true\nconnector = \"HDMI-A-1\"", some_lights,
+                "rig.toml:8: [monitor] connector"},
+        Mistake{"DisplayWithoutWindow", "display = 1", some_lights, "window = true"},
+        Mistake{"NoLights", "width = 32", "test_images = \"held_out\"", "no light maps are given"},
+        // A sound file: the camera is the first thing that is missing.
+        Mistake{"NoCamera", "window = true", some_lights, "no such camera"}),
     [](const auto& mistake) { return std::string(mistake.param.name); });
 
 }  // namespace
