@@ -7,7 +7,6 @@
 #include <optional>
 #include <string>
 
-#include "cli/common/held_out_figures.h"
 #include "cli/common/options.h"
 #include "cli/report/report.h"
 #include "cli/run_context.h"

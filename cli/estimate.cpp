@@ -6,7 +6,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/common/held_out_figures.h"
 #include "cli/common/options.h"
 #include "cli/estimate_options.h"
 #include "cli/run_context.h"

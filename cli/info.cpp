@@ -259,33 +259,6 @@ ordered_json describe_path(const fs::path& path) {
   return describe_image(path);
 }
 
-/// A file's text as it may go to a terminal: control characters, which could move the cursor or worse, and
-/// bytes that are not UTF-8 as their numbers.
-std::string printable(const std::string& text) {
-  std::string shown;
-  int following = 0;  // bytes of a UTF-8 sequence still to come
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    const bool follows = byte >= 0x80 && byte < 0xc0 && following > 0;
-    const bool begins = byte >= 0xc2 && byte < 0xf5;
-    // U+0080 to U+009F are control characters, too.
-    const bool control =
-        byte < 0x20 || byte == 0x7f ||
-        (byte == 0xc2 && i + 1 < text.size() && static_cast<unsigned char>(text[i + 1]) < 0xa0);
-    following = follows                    ? following - 1
-                : byte >= 0xf0             ? 3
-                : byte >= 0xe0             ? 2
-                : byte >= 0xc2 && !control ? 1
-                                           : 0;
-    if (!control && (byte < 0x80 || follows || begins)) {
-      shown += text[i];
-    } else {
-      shown += formatted("\\x%02x", byte);
-    }
-  }
-  return shown;
-}
-
 /// What the import wrote of itself, line by line.
 std::vector<std::string> notes_of(const fs::path& session) {
   std::vector<std::string> notes;
@@ -293,26 +266,6 @@ std::vector<std::string> notes_of(const fs::path& session) {
   std::istringstream lines(read_text(session / session_notes_name));
   for (std::string line; std::getline(lines, line);) notes.push_back(line);
   return notes;
-}
-
-/// Prints nested figures as "name: value" lines, with spaces for underscores.
-void print_text(const ordered_json& value, int indent) {
-  for (const auto& [key, item] : value.items()) {
-    std::string label = printable(key);
-    std::ranges::replace(label, '_', ' ');
-    if (item.is_object() && !item.empty()) {
-      std::printf("%*s%s\n", indent, "", label.c_str());
-      print_text(item, indent + 2);
-    } else if (item.is_string()) {
-      std::printf("%*s%s: %s\n", indent, "", label.c_str(), printable(item.get<std::string>()).c_str());
-    } else if (item.is_number_float()) {
-      std::printf("%*s%s: %.5g\n", indent, "", label.c_str(), item.get<double>());
-    } else if (constexpr std::size_t one_line = 40; item.is_array() && item.size() > one_line) {
-      std::printf("%*s%s: %zu values, see --json\n", indent, "", label.c_str(), item.size());
-    } else {
-      std::printf("%*s%s: %s\n", indent, "", label.c_str(), printable(json_text(item)).c_str());
-    }
-  }
 }
 
 }  // namespace
@@ -343,7 +296,7 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
       if (common.json)
         print_json(info);
       else
-        print_text(info, 0);
+        print_figures(info);
       if (common.json) return;
       if (verdict) std::printf("%s", verdict_table(*verdict).c_str());
       for (const std::string& note : notes)

@@ -157,118 +157,19 @@ ordered_json gpio_chips() {
   return list;
 }
 
-std::string word(const ordered_json& value) {
-  return value.get<std::string>();
-}
-
-void print_format(const ordered_json& format) {
-  std::printf("    %-5s %-28s ", word(format["format"]).c_str(), word(format["description"]).c_str());
-  if (!format["supported"].get<bool>())
-    std::printf("not supported by refield");
-  else
-    std::printf("%s, %d bits, %s", word(format["layout"]).c_str(), format["bits"].get<int>(),
-                format["raw"].get<bool>() ? "raw" : "processed by the camera");
-  for (const auto& size : format["sizes"]) {
-    std::printf("; %dx%d", size["width"].get<int>(), size["height"].get<int>());
-    for (const auto& rate : size["rates"]) std::printf(" %.4g", rate.get<double>());
-    if (!size["rates"].empty()) std::printf(" Hz");
-  }
-  std::printf("\n");
-}
-
-void print_control(const ordered_json& control) {
-  std::printf("    %-32s %lld  (%lld to %lld, default %lld%s)", word(control["name"]).c_str(),
-              control["value"].get<long long>(), control["lowest"].get<long long>(),
-              control["highest"].get<long long>(), control["default"].get<long long>(),
-              control["writable"].get<bool>() ? "" : ", read only");
-  if (control.contains("choices"))
-    for (const auto& choice : control["choices"]) std::printf(" %s", word(choice).c_str());
-  std::printf("\n");
-}
-
-void print_genicam(const ordered_json& camera) {
-  std::printf("Camera %s: %s %s, %s at %s\n", word(camera["device"]).c_str(), word(camera["vendor"]).c_str(),
-              word(camera["model"]).c_str(), word(camera["protocol"]).c_str(),
-              word(camera["address"]).c_str());
-  if (camera.contains("error")) {
-    std::printf("  %s\n", word(camera["error"]).c_str());
-    return;
-  }
-  std::printf("  formats (default: the raw format with the most bits):");
-  for (const auto& format : camera["formats"])
-    std::printf(" %s%s", word(format["format"]).c_str(),
-                format["supported"].get<bool>() ? "" : " (not supported by refield)");
-  std::printf("\n  features:\n");
-  for (const auto& feature : camera["features"])
-    std::printf("    %-24s %s  (%s)\n", word(feature["name"]).c_str(), word(feature["value"]).c_str(),
-                word(feature["limits"]).c_str());
-}
-
-void print_gphoto(const ordered_json& camera) {
-  std::printf("Camera %s: DSLR at %s", word(camera["device"]).c_str(), word(camera["port"]).c_str());
-  if (camera.contains("error")) {
-    std::printf("\n  %s\n", word(camera["error"]).c_str());
-    return;
-  }
-  const std::string serial = word(camera["serial"]);
-  std::printf("%s\n  settings:\n", serial.empty() ? "" : (", serial number " + serial).c_str());
-  for (const auto& setting : camera["settings"]) {
-    std::printf("    %-24s %s%s", word(setting["name"]).c_str(), word(setting["value"]).c_str(),
-                setting["writable"].get<bool>() ? "" : "  (set on the camera)");
-    const char* before = "  (";
-    for (const auto& choice : setting["choices"]) {
-      std::printf("%s%s", before, word(choice).c_str());
-      before = ", ";
-    }
-    std::printf(setting["choices"].empty() ? "\n" : ")\n");
-  }
-}
-
-void print(const ordered_json& devices) {
+/// What a person can do where devices are missing.
+void print_remedies(const ordered_json& devices) {
   if (devices["genicam_cameras"].is_null())
     std::printf("Support for GenICam cameras is not built in (it needs Aravis 0.8).\n");
-  for (const auto& camera : devices["genicam_cameras"]) print_genicam(camera);
   if (devices["gphoto_cameras"].is_null())
     std::printf("Support for DSLRs is not built in (it needs libgphoto2).\n");
-  for (const auto& camera : devices["gphoto_cameras"]) print_gphoto(camera);
   if (devices["cameras"].empty() && devices["genicam_cameras"].empty() && devices["gphoto_cameras"].empty())
     std::printf(
         "No camera was found. Check that it is connected and that you may open /dev/video* (group video); of "
         "a GenICam camera, that its address is of the computer's network (docs/guide/genicam.md); of a DSLR, "
         "that it is switched on and that no file manager has opened it (docs/guide/dslr.md).\n");
-  for (const auto& camera : devices["cameras"]) {
-    std::printf("Camera %s: %s at %s, driver %s\n  formats (default: the raw format with the most bits):\n",
-                word(camera["node"]).c_str(), word(camera["card"]).c_str(), word(camera["bus"]).c_str(),
-                word(camera["driver"]).c_str());
-    for (const auto& format : camera["formats"]) print_format(format);
-    std::printf("  controls:\n");
-    for (const auto& control : camera["controls"]) print_control(control);
-  }
   if (devices["monitors"].empty())
     std::printf("No display connector was found. Check that you may open /dev/dri/card* (group video).\n");
-  for (const auto& monitor : devices["monitors"]) {
-    std::printf("Monitor %s of %s, driver %s: %s\n", word(monitor["connector"]).c_str(),
-                word(monitor["card"]).c_str(), word(monitor["driver"]).c_str(),
-                monitor["connected"].get<bool>() ? "connected" : "no monitor");
-    for (const auto& mode : monitor["modes"])
-      std::printf("    %s%s\n", word(mode["mode"]).c_str(),
-                  mode["preferred"].get<bool>() ? "  preferred" : "");
-  }
-  for (const auto& display : devices["window_displays"]) {
-    std::printf("Window on display %d: %s, %d×%d", display["display"].get<int>(),
-                word(display["name"]).c_str(), display["width"].get<int>(), display["height"].get<int>());
-    if (const double hz = display["refresh_hz"].get<double>(); hz > 0.0)
-      std::printf(" at %.4g Hz\n", hz);
-    else
-      std::printf(", unknown refresh rate\n");
-  }
-  if (devices["window_displays"].empty()) std::printf("No desktop display was found.\n");
-  if (devices["gpio_chips"].empty()) std::printf("No GPIO chip was found.\n");
-  for (const auto& chip : devices["gpio_chips"]) {
-    std::printf("GPIO %s: %s, %d lines\n", word(chip["chip"]).c_str(), word(chip["label"]).c_str(),
-                chip["lines"].get<int>());
-    for (const auto& line : chip["named_lines"]) std::printf("    %s\n", word(line).c_str());
-  }
 }
 
 void write_rig_file(const fs::path& file, const Common& common) {
@@ -312,10 +213,9 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
                                     {"monitors", monitors()},
                                     {"window_displays", window_displays_of_desktop()},
                                     {"gpio_chips", gpio_chips()}};
-      if (common.json)
-        print_json(devices);
-      else
-        print(devices);
+      if (common.json) return print_json(devices);
+      print_figures(devices);
+      print_remedies(devices);
     };
   });
 }

@@ -12,10 +12,13 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
+#include "core/base/number_text.h"
 #include "relight/field_pictures.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {
+
+using nlohmann::ordered_json;
 
 namespace {
 
@@ -173,6 +176,78 @@ std::optional<nlohmann::ordered_json> printed;  ///< what print_json() was given
 
 std::shared_ptr<CLI::FormatterBase> help_formatter() {
   return std::make_shared<HelpFormatter>();
+}
+
+std::string printable(const std::string& text) {
+  std::string shown;
+  int following = 0;  // bytes of a UTF-8 sequence still to come
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const bool follows = byte >= 0x80 && byte < 0xc0 && following > 0;
+    const bool begins = byte >= 0xc2 && byte < 0xf5;
+    // U+0080 to U+009F are control characters, too.
+    const bool control =
+        byte < 0x20 || byte == 0x7f ||
+        (byte == 0xc2 && i + 1 < text.size() && static_cast<unsigned char>(text[i + 1]) < 0xa0);
+    following = follows                    ? following - 1
+                : byte >= 0xf0             ? 3
+                : byte >= 0xe0             ? 2
+                : byte >= 0xc2 && !control ? 1
+                                           : 0;
+    if (!control && (byte < 0x80 || follows || begins)) {
+      shown += text[i];
+    } else {
+      shown += formatted("\\x%02x", byte);
+    }
+  }
+  return shown;
+}
+
+namespace {
+
+/// Whether `value` is an object or a list that holds one.
+bool holds_objects(const ordered_json& value) {
+  return value.is_object() || (value.is_array() && std::any_of(value.begin(), value.end(), holds_objects));
+}
+
+std::string label_of(const std::string& key) {
+  std::string label = printable(key);
+  std::ranges::replace(label, '_', ' ');
+  return label;
+}
+
+/// Of one line: "width: 640, height: 480, rates: 30, 25".
+std::string line_of(const ordered_json& value) {
+  constexpr std::size_t one_line = 40;
+  if (value.is_array() && value.size() > one_line)
+    return std::to_string(value.size()) + " values, see --json";
+  if (value.is_string()) return printable(value.get<std::string>());
+  if (value.is_number_float()) return formatted("%.5g", value.get<double>());
+  if (!value.is_object()) return printable(json_text(value));
+  std::string line;
+  for (const auto& [key, item] : value.items())
+    line += (line.empty() ? "" : ", ") + label_of(key) + ": " + line_of(item);
+  return line;
+}
+
+}  // namespace
+
+void print_figures(const ordered_json& figures, int indent) {
+  for (const auto& [key, item] : figures.items()) {
+    const std::string label = label_of(key);
+    if (!holds_objects(item) || item.empty()) {
+      std::printf("%*s%s: %s\n", indent, "", label.c_str(), line_of(item).c_str());
+      continue;
+    }
+    std::printf("%*s%s\n", indent, "", label.c_str());
+    if (item.is_object()) print_figures(item, indent + 2);
+    if (item.is_object()) continue;
+    for (const ordered_json& entry : item) {
+      const bool is_block = std::any_of(entry.begin(), entry.end(), holds_objects);
+      if (!is_block) std::printf("%*s%s\n", indent + 2, "", line_of(entry).c_str());
+      if (is_block) print_figures(entry, indent + 2);
+    }
+  }
 }
 
 void print_json(const nlohmann::ordered_json& figures) {
@@ -412,6 +487,63 @@ CaptureSession open_capture(const CaptureOptions& options) {
 
 void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session) {
   if (options.hold_out == 0) mark_held_out(session, field);
+}
+
+namespace {
+
+ordered_json finite_or_null(double value) {
+  return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
+}
+
+}  // namespace
+
+ordered_json held_out_figures(const HeldOutError& error) {
+  ordered_json figures = {
+      {"images", error.images},
+      {"trained_on", error.trained_on ? ordered_json(*error.trained_on) : ordered_json(nullptr)},
+      {"relative_rmse", finite_or_null(error.relative_rmse)},
+      {"median", finite_or_null(error.median)},
+      {"percentile_90", finite_or_null(error.percentile_90)},
+      {"tone_mapped_psnr_db", finite_or_null(error.tone_mapped_psnr_db)}};
+  if (error.prediction)
+    figures["predicted_error"] = {{"rank_correlation", finite_or_null(error.prediction->rank_correlation)},
+                                  {"median_ratio", finite_or_null(error.prediction->median_ratio)},
+                                  {"median", finite_or_null(error.prediction->predicted_median)}};
+  figures["per_image"] = ordered_json::array();
+  for (const HeldOutImage& image : error.per_image)
+    figures["per_image"].push_back(
+        {{"name", image.name},
+         {"observed", image.observed.string()},
+         {"relative_rmse", finite_or_null(image.error.relative_rmse)},
+         {"tone_mapped_psnr_db", finite_or_null(image.error.tone_mapped_psnr_db)}});
+  return figures;
+}
+
+ordered_json held_out_figures(const std::vector<HeldOutError>& errors) {
+  ordered_json kinds = ordered_json::object();
+  for (const HeldOutError& error : errors)
+    kinds[error.kind.empty() ? "all" : error.kind] = held_out_figures(error);
+  return kinds;
+}
+
+void print_errors(const std::vector<HeldOutError>& errors) {
+  const auto label = [](const HeldOutError& error) {
+    return error.kind.empty() ? "all" : error.kind.c_str();
+  };
+  std::printf("%-16s %6s %14s %12s %12s %18s\n", "", "images", "relative RMSE", "median pixel", "90th pct.",
+              "tone-mapped PSNR");
+  for (const HeldOutError& error : errors)
+    std::printf("%-16s %6zu %14.4f %12.4f %12.4f %15.2f dB\n", label(error), error.images,
+                error.relative_rmse, error.median, error.percentile_90, error.tone_mapped_psnr_db);
+  if (std::ranges::none_of(errors, [](const HeldOutError& error) { return error.per_image.size() > 1; }))
+    return;
+  std::printf("\n%-16s %6s %14s %12s %12s\n", "per image", "", "median image", "mean", "largest");
+  for (const HeldOutError& error : errors) {
+    if (error.per_image.size() < 2) continue;
+    const ErrorSpread spread = spread_of(error.per_image);
+    std::printf("%-16s %6s %14.4f %12.4f %12.4f  %s\n", label(error), "", spread.median, spread.mean,
+                spread.largest, error.per_image[spread.worst].name.c_str());
+  }
 }
 
 }  // namespace refield::cli

@@ -8,10 +8,12 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "acquire/import/bracket_merge.h"
 #include "core/field/reflectance_field.h"
 #include "core/session/capture_session.h"
+#include "relight/held_out.h"
 
 namespace refield::cli {
 
@@ -26,6 +28,14 @@ void require_finite_numbers(CLI::App& app);
 
 /// Prints the results of a verb under --json: once the verb has ended, see finish_json().
 void print_json(const nlohmann::ordered_json& figures);
+
+/// A file's text as it may go to a terminal: control characters, which could move the cursor or worse, and
+/// bytes that are not UTF-8 as their numbers.
+std::string printable(const std::string& text);
+
+/// Prints nested figures as "name: value" lines, with spaces for underscores. A list of objects has one line
+/// for each, or a block where an object holds others.
+void print_figures(const nlohmann::ordered_json& figures, int indent = 0);
 
 /// Writes the one JSON document of a run with --json, where there is one: "schema", the version of its keys
 /// (docs/reference/verbs.md), what print_json() was given and, unless `kind` is empty, the error that ended
@@ -113,5 +123,14 @@ CaptureSession open_capture(const CaptureOptions& options);
 /// Which frames `field` was not estimated from, where the options do not say (mark_held_out()). Prints a
 /// warning where pairs may be those of the training.
 void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session);
+
+/// Errors on held-out images for machines: of the series and, under "per_image", of each image with its
+/// file. What is not finite becomes null.
+nlohmann::ordered_json held_out_figures(const HeldOutError& error);
+/// The same by kind of light.
+nlohmann::ordered_json held_out_figures(const std::vector<HeldOutError>& errors);
+
+/// The same as a table, with the spread over images.
+void print_errors(const std::vector<HeldOutError>& errors);
 
 }  // namespace refield::cli
