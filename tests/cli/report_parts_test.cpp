@@ -9,7 +9,7 @@
 #include <numeric>
 #include <vector>
 
-#include "cli/report/evaluation.h"
+#include "cli/report/report.h"
 #include "cli/report/input.h"
 #include "cli/report/page.h"
 #include "cli/report/pixel_choice.h"
