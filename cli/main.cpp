@@ -18,6 +18,7 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"
@@ -153,8 +154,9 @@ void add_verbs(CLI::App& app, const refield::cli::Common& common, refield::cli::
     }
 }
 
-int run(int argc, char** argv) {
-  CLI::App app(
+/// The command line of all verbs; parsing it sets `common` and `action`.
+std::unique_ptr<CLI::App> command_line(refield::cli::Common& common, refield::cli::Action& action) {
+  auto whole = std::make_unique<CLI::App>(
       "refield estimates the reflectance field of a scene and renders the scene under new illumination.\n"
       "\n"
       "Typical sequence:\n"
@@ -163,17 +165,16 @@ int run(int argc, char** argv) {
       "  refield estimate session -o scene.rfield                        estimate the reflectance field\n"
       "  refield relight scene.rfield --light new.exr -o image.exr       render it under a new light\n"
       "  refield view scene.rfield                                       relight it interactively");
+  CLI::App& app = *whole;
   app.name("refield");
   app.formatter(refield::cli::help_formatter());
   app.set_help_all_flag("--help-all", "List all options");
   app.require_subcommand(1);
   app.set_version_flag("--version", "refield " REFIELD_VERSION);
   app.fallthrough();
-  refield::cli::Common common;
   app.add_flag("--json", common.json, "Print results and errors as JSON on standard output");
   app.add_flag("--quiet", common.quiet, "Do not print progress on standard error");
   app.add_flag("--force", common.force, "Replace the output of an earlier run, where a command refuses to");
-  refield::cli::Action action;
   add_verbs(app, common, action);
   // After the verbs, which would inherit it.
   app.footer(
@@ -183,6 +184,14 @@ int run(int argc, char** argv) {
       "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
       "signal N.");
   refield::cli::require_finite_numbers(app);
+  return whole;
+}
+
+int run(int argc, char** argv) {
+  refield::cli::Common common;
+  refield::cli::Action action;
+  const auto whole = command_line(common, action);
+  CLI::App& app = *whole;
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -236,6 +245,15 @@ int run_and_report(int argc, char** argv) {
 }
 
 }  // namespace
+
+void refield::cli::run_words(std::vector<std::string> words) {
+  Common common;
+  Action action;
+  const auto whole = command_line(common, action);
+  std::ranges::reverse(words);  // as CLI11 takes them
+  whole->parse(words);
+  action();
+}
 
 int main(int argc, char** argv) {
   ::unsetenv("HDF5_USE_FILE_LOCKING");  // it would outweigh that fields are opened without HDF5's locks

@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 
 #include <functional>
+#include <string>
+#include <vector>
 
 #include "core/base/errors.h"
 
@@ -21,6 +23,9 @@ struct Detached : Interrupted {};
 
 /// What the command line asked for; called once, after parsing.
 using Action = std::function<void()>;
+
+/// Runs the command of these words, without "refield". Throws what the verb throws.
+void run_words(std::vector<std::string> words);
 
 // One file a verb. Each adds its subcommand and, when that is named, sets `action`.
 void add_simulate(CLI::App& app, const Common& common, Action& action);

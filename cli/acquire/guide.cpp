@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire guide: the steps of a capture in their order, each a question and a command of this
 // program.
-#include <spawn.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -33,8 +31,6 @@
 #include "core/session/capture_session.h"
 #include "estimate/rig/verdict.h"
 #include "simulate/tabletop/recipe.h"
-
-extern char** environ;
 
 namespace refield::cli {
 
@@ -70,17 +66,11 @@ std::string time_text(double seconds) {
 }
 
 int whole_number(const std::string& text, int low, int high) {
-  std::size_t end = 0;
-  int value = 0;
-  try {
-    value = std::stoi(text, &end);
-  } catch (const std::exception&) {
-    end = std::string::npos;
-  }
-  if (end != text.size() || value < low || value > high)
+  const auto value = number_from_text<int>(text);
+  if (!value || *value < low || *value > high)
     throw InputError("'" + text + "' is not valid; give a whole number from " + std::to_string(low) + " to " +
                      std::to_string(high));
-  return value;
+  return *value;
 }
 
 std::vector<Choice> find_cameras() {
@@ -259,40 +249,22 @@ class Guide {
     return chosen;
   }
 
-  /// Runs another command of this program and shows it. Returns whether it succeeded.
-  bool refield(std::vector<std::string> words) {
-    words.insert(words.begin(), "refield");
-    std::printf("   $");
+  /// Shows another command of this program and runs it.
+  void refield(const std::vector<std::string>& words) {
+    std::printf("   $ refield");
     for (const std::string& word : words)
       std::printf(word.find_first_of(" '*") == std::string::npos ? " %s" : " '%s'", word.c_str());
     std::printf("\n");
-    std::fflush(nullptr);
-    std::vector<char*> argv;
-    for (std::string& word : words) argv.push_back(word.data());
-    argv.push_back(nullptr);
-    // Not the link itself, under whose name, exe, the process would stand in lists.
-    const std::string program = fs::read_symlink("/proc/self/exe");
-    pid_t child = -1;
-    if (const int error = ::posix_spawn(&child, program.c_str(), nullptr, nullptr, argv.data(), environ))
-      throw DeviceError("refield", error, "cannot be started again");
-    int status = 0;
-    while (::waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
-    constexpr int interrupted = 130;
-    if (run_context().is_stopped() || (WIFEXITED(status) && WEXITSTATUS(status) == interrupted))
-      throw Interrupted();
-    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    std::fflush(stdout);
+    run_words(words);
   }
 
-  /// Runs `step` until it succeeds or the user stops; without questions a failure ends the guide.
+  /// Runs `step` until it throws no Error or the user stops; without questions an Error ends the guide.
   template <class Step>
   void until_done(const Step& step) {
     while (true) {
       try {
-        if (step()) return;
-        if (!asks_) throw InputError("the step above failed; mend its cause and run the same command again");
-      } catch (const Interrupted&) {
-        throw;
+        return step();
       } catch (const Error& error) {
         if (!asks_) throw;
         std::printf("   %s\n", error.what());
@@ -309,13 +281,12 @@ class Guide {
 
   void choose_devices() {
     heading(1, "Camera and monitor");
-    until_done([&] {
-      if (fs::exists(file_))
-        std::printf("   '%s' names them; edit that file to change them.\n", file_.c_str());
-      else
-        write_devices();
-      const SessionFile session = read_session_file(file_);
-      try {
+    while (true) try {
+        if (fs::exists(file_))
+          std::printf("   '%s' names them; edit that file to change them.\n", file_.c_str());
+        else
+          write_devices();
+        const SessionFile session = read_session_file(file_);
         SessionRig rig(session);
         const CameraDescription camera = rig.camera().describe();
         const IlluminatorDescription monitor = rig.monitor().describe();
@@ -324,14 +295,15 @@ class Guide {
                     camera.shortest_exposure.count(), camera.longest_exposure.count());
         std::printf("   monitor '%s': light maps of %d×%d texels\n", monitor.name.c_str(), monitor.width,
                     monitor.height);
-        return true;
+        return;
       } catch (const Error& error) {
         if (!asks_) throw;
         std::printf("   %s\n", error.what());
-        if (confirm("Choose other devices?")) fs::remove(file_);
-        return false;
+        if (fs::exists(file_) && confirm("Choose other devices?"))
+          fs::remove(file_);
+        else if (!confirm("Try again?"))
+          throw Interrupted();
       }
-    });
   }
 
   void write_devices() {
@@ -423,7 +395,6 @@ class Guide {
         const SessionFile session = read_session_file(file_);
         SessionRig rig(session);
         live_view(rig, session.gain);
-        return true;
       });
       again = confirm("Show it again?", false);
     }
@@ -452,7 +423,8 @@ class Guide {
                   : share <= usable
                       ? "Constant light is subtracted, but it adds noise: find its source if you can."
                       : "That is too much: close curtains, switch off lights and other monitors.");
-      return share <= dark || confirm("Continue with this room light?", share <= usable);
+      if (share > dark && !confirm("Continue with this room light?", share <= usable))
+        throw InputError("the room is too bright; darken it and run the same command again");
     });
   }
 
@@ -467,11 +439,12 @@ class Guide {
     const int step = options_.level_step > 0 ? options_.level_step : photographs ? 51 : 5;
     until_done([&] {
       if (!confirm("Calibrate now?")) throw Interrupted();
-      const bool done =
-          refield({"acquire", "calibrate", file_, "--level-step", std::to_string(step), "--force"});
-      // A display whose light is not additive leaves a file behind.
-      if (!done) fs::remove(session.calibration);
-      return done;
+      try {
+        refield({"acquire", "calibrate", file_, "--level-step", std::to_string(step), "--force"});
+      } catch (...) {
+        fs::remove(session.calibration);  // a display whose light is not additive leaves a file behind
+        throw;
+      }
     });
   }
 
@@ -523,7 +496,6 @@ class Guide {
       for (const Seconds exposure : exposures)
         list += (list.empty() ? "[" : ", ") + formatted("%.6g", exposure.count());
       set("exposures", "seconds", list + "]");
-      return true;
     });
     if (!options_.until_error.empty()) {
       error_from_text(options_.until_error);
@@ -556,9 +528,9 @@ class Guide {
     std::error_code error;
     fs::remove_all(folder, error);
     until_done([&] {
-      return refield({"acquire", "lights", "--starter", "--patterns", std::to_string(count), "--light-size",
-                      std::to_string(session.monitor.width) + "x" + std::to_string(session.monitor.height),
-                      "-o", folder, "--force"});
+      refield({"acquire", "lights", "--starter", "--patterns", std::to_string(count), "--light-size",
+               std::to_string(session.monitor.width) + "x" + std::to_string(session.monitor.height), "-o",
+               folder, "--force"});
     });
   }
 
@@ -573,9 +545,14 @@ class Guide {
       std::vector<std::string> words{"acquire", "run", file_, again ? "--force" : "--resume",
                                      "--follow-error"};
       if (asks_) words.insert(words.end(), {"--check-every", "20"});
-      is_usable = refield(words);
-      if (!asks_ && !is_usable)
-        throw InputError("the step above failed; mend its cause and run the same command again");
+      try {
+        refield(words);
+        is_usable = true;
+      } catch (const Error& error) {
+        if (!asks_) throw;
+        std::printf("   %s\n", error.what());
+        is_usable = false;
+      }
       again = false;
       if (asks_ && (!is_usable || could_be_better(session)))
         ask("", "", "   Mend the cause if you can. Then: continue, photograph again from the start, or stop",
@@ -604,9 +581,9 @@ class Guide {
       std::printf("   '%s' exists.\n", field_.c_str());
       return;
     }
-    until_done([&] { return refield({"estimate", session_folder(session), "--dry-run"}); });
+    until_done([&] { refield({"estimate", session_folder(session), "--dry-run"}); });
     if (!confirm("Estimate the reflectance field now?")) throw Interrupted();
-    until_done([&] { return refield({"estimate", session_folder(session), "-o", field_, "--resume"}); });
+    until_done([&] { refield({"estimate", session_folder(session), "-o", field_, "--resume"}); });
   }
 
   void relight(const SessionFile& session) {
@@ -617,7 +594,7 @@ class Guide {
       if (candidate.role == FrameRole::test && frame->role != FrameRole::test) frame = &candidate;
     picture_ = options_.folder / "relit.png";
     const fs::path light = session_folder(session) / "illumination" / (frame->name + ".exr");
-    until_done([&] { return refield({"relight", field_, "--light", light, "-o", picture_}); });
+    until_done([&] { refield({"relight", field_, "--light", light, "-o", picture_}); });
     std::printf("   The photograph under the light '%s'%s:\n", frame->name.c_str(),
                 frame->role == FrameRole::test ? ", which the estimate has not seen" : "");
     print_image(read_photograph(frame->observed).radiance);
@@ -627,7 +604,7 @@ class Guide {
     std::printf(
         "   Error on all photographs that the estimate has not seen; a median of a few per cent (0.03) is "
         "good:\n");
-    until_done([&] { return refield({"compare", field_, session_folder(session)}); });
+    until_done([&] { refield({"compare", field_, session_folder(session)}); });
   }
 
   void finish() const {
@@ -716,6 +693,29 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
       throw CLI::RequiredError("A subcommand (or a terminal, for the guided capture)");
     action = [&common] { guide({}, common); };
   });
+}
+
+void add_acquire(CLI::App& app, const Common& common, Action& action) {
+  CLI::App* group = app.add_subcommand(
+      "acquire",
+      "Photograph a scene under many light patterns as a capture session.\n"
+      "\n"
+      "Without a verb, in a terminal, it leads through a capture as 'refield acquire guide' does.\n"
+      "\n"
+      "Photographs are HDR images with the ambient light subtracted. An interrupted capture continues with "
+      "the same command and --resume; the resulting session is identical, byte for byte. "
+      "docs/reference/capture-session-format.md describes the folder.");
+  add_acquire_guide(*group, common, action);
+  add_acquire_devices(*group, common, action);
+  add_acquire_calibrate(*group, common, action);
+  add_acquire_run(*group, common, action);
+  add_acquire_lights(*group, common, action);
+  add_acquire_show(*group, common, action);
+  add_acquire_import(*group, common, action);
+  add_acquire_colour(*group, common, action);
+  add_acquire_geometry(*group, common, action);
+  add_acquire_probe(*group, common, action);
+  for (CLI::App* verb : group->get_subcommands([](CLI::App*) { return true; })) verb->group("Commands");
 }
 
 }  // namespace refield::cli
