@@ -522,30 +522,26 @@ class GphotoCamera final : public TetheredCamera {
 
   /// Waits for the camera to come back, with all its settings.
   void reconnect(const GphotoFailure& failure) {
+    const DeviceError gone(
+        description_.name, ENODEV,
+        "was disconnected or switched off (" + failure.text + "), and did not come back within " +
+            seconds_text(options_.replug_patience) +
+            "; check cable, battery and automatic power-off, then run the same command with --resume");
     open_.reset();
-    run_.note(description_.name + ": does not answer (" + failure.text + "); waiting for it to come back");
-    const auto start = std::chrono::steady_clock::now();
-    do {
-      pause(Seconds(0.5));
+    wait_for_replug(gone, description_.name, options_.replug_patience, run_, [&] {
       for (const GphotoIdentity& camera : find_gphoto_cameras()) try {
+          open_.reset();
           if (camera.model != identity_.model) continue;
           open_ = std::make_unique<Connection>(camera);
-          if (serial_of(*open_) != identity_.serial) {
-            open_.reset();
-            continue;
-          }
+          if (serial_of(*open_) != identity_.serial) continue;
           identity_.port = camera.port;
           apply_settings();
-          ++troubles_.replugs;
-          return;
+          return true;
         } catch (const GphotoFailure&) {  // not ready yet
-          open_.reset();
         }
-    } while (seconds_since(start) < options_.replug_patience.count());
-    fail(ENODEV,
-         "was disconnected or switched off, and did not come back within " +
-             seconds_text(options_.replug_patience) +
-             "; check cable, battery and automatic power-off, then run the same command with --resume");
+      open_.reset();
+      return false;
+    });
   }
 
   std::string download(const CameraFilePath& path) {
