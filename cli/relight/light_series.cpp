@@ -116,6 +116,19 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// "bar_0007"
+std::string frame_name(const char* what, int frame) {
+  return formatted("%s_%04d", what, frame);
+}
+
+/// The one file that is to be turned. Throws InputError naming `option` when it is not one.
+fs::path only_file(const std::vector<std::string>& patterns, const char* option) {
+  const auto files = expand_globs(patterns);
+  if (files.size() != 1)
+    throw InputError(std::string("--rotate requires exactly one map; give one ") + option);
+  return files[0];
+}
+
 void require_light_size(const fs::path& light, const LightDomain& domain) {
   const ImageHeader header = read_image_header(light);
   if (header.width != domain.width || header.height != domain.height)
@@ -187,55 +200,6 @@ void hold_still(LightSeries& series, int frames) {
     series.lights.push_back({frame_name("turntable", i), source, [=] { return *light; }});
   series.is_sequence = true;
 }
-
-void check(const RelightOptions& options) {
-  const int kinds = (options.bar > 0.0 ? 1 : 0) + (options.lights.empty() ? 0 : 1) +
-                    (options.environments.empty() ? 0 : 1) + (options.day ? 1 : 0) +
-                    (options.area_lights.empty() ? 0 : 1);
-  if (kinds != 1)
-    throw InputError(
-        "exactly one kind of light is required; give one of --light, --env, --day, --bar and --area-lights");
-  const bool is_motion = options.bar > 0.0 || options.rotate || options.day || options.fades() ||
-                         options.camera.turntable || !options.area_lights.empty();
-  if (is_motion != (options.frames > 0))
-    throw InputError(
-        "--frames is required by, and only valid with, --bar, --rotate, --day, --area-lights, --turntable or "
-        "several maps of --env; give the number of images in the sequence");
-  const bool is_environment = !options.environments.empty() || options.day;
-  if (!is_environment && (!options.turn.is_none() || !options.placements.empty()))
-    throw InputError(
-        "--yaw, --pitch, --roll and --placement require an environment; give --env or --day, or remove them");
-}
-
-}  // namespace
-
-std::string frame_name(const char* what, int frame) {
-  return formatted("%s_%04d", what, frame);
-}
-
-fs::path only_file(const std::vector<std::string>& patterns, const char* option) {
-  const auto files = expand_globs(patterns);
-  if (files.size() != 1)
-    throw InputError(std::string("--rotate requires exactly one map; give one ") + option);
-  return files[0];
-}
-
-LightSeries light_series(const RelightOptions& options, const ReflectanceField& field) {
-  check(options);
-  const LightDomain& domain = field.basis.domain;
-  if (options.bar > 0.0) return series_of_bar(options, domain);
-  if (!options.area_lights.empty()) return series_of_area_lights(options, field);
-  const bool is_environment = options.day || !options.environments.empty();
-  LightSeries series = is_environment   ? environment_series(options, field)
-                       : options.rotate ? series_of_rotated_light(options, domain)
-                                        : series_of_lights(options, domain);
-  if (options.camera.turntable && !series.is_sequence) hold_still(series, options.frames);
-  return series;
-}
-
-namespace {
-
-namespace fs = std::filesystem;
 
 /// Brings environments into the form that a field is lit by, and keeps count of what the monitor sees of
 /// them.
@@ -333,8 +297,7 @@ void add_fade(const RelightOptions& options, const Projection& project, LightSer
   }
 }
 
-}  // namespace
-
+/// Maps, turning maps, fades from map to map, days.
 LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field) {
   const Projection project = projection_of(options, field);
   LightSeries series{.is_sequence = options.rotate || options.fades() || options.day, .seen = project.seen};
@@ -346,6 +309,40 @@ LightSeries environment_series(const RelightOptions& options, const ReflectanceF
     add_rotation(options, project, series);
   else
     add_maps(options, project, series);
+  return series;
+}
+
+void check(const RelightOptions& options) {
+  const int kinds = (options.bar > 0.0 ? 1 : 0) + (options.lights.empty() ? 0 : 1) +
+                    (options.environments.empty() ? 0 : 1) + (options.day ? 1 : 0) +
+                    (options.area_lights.empty() ? 0 : 1);
+  if (kinds != 1)
+    throw InputError(
+        "exactly one kind of light is required; give one of --light, --env, --day, --bar and --area-lights");
+  const bool is_motion = options.bar > 0.0 || options.rotate || options.day || options.fades() ||
+                         options.camera.turntable || !options.area_lights.empty();
+  if (is_motion != (options.frames > 0))
+    throw InputError(
+        "--frames is required by, and only valid with, --bar, --rotate, --day, --area-lights, --turntable or "
+        "several maps of --env; give the number of images in the sequence");
+  const bool is_environment = !options.environments.empty() || options.day;
+  if (!is_environment && (!options.turn.is_none() || !options.placements.empty()))
+    throw InputError(
+        "--yaw, --pitch, --roll and --placement require an environment; give --env or --day, or remove them");
+}
+
+}  // namespace
+
+LightSeries light_series(const RelightOptions& options, const ReflectanceField& field) {
+  check(options);
+  const LightDomain& domain = field.basis.domain;
+  if (options.bar > 0.0) return series_of_bar(options, domain);
+  if (!options.area_lights.empty()) return series_of_area_lights(options, field);
+  const bool is_environment = options.day || !options.environments.empty();
+  LightSeries series = is_environment   ? environment_series(options, field)
+                       : options.rotate ? series_of_rotated_light(options, domain)
+                                        : series_of_lights(options, domain);
+  if (options.camera.turntable && !series.is_sequence) hold_still(series, options.frames);
   return series;
 }
 

@@ -100,13 +100,4 @@ struct LightSeries {
 /// not fit together or to the field.
 LightSeries light_series(const RelightOptions& options, const ReflectanceField& field);
 
-/// The part of it that is about environments: maps, turning maps, fades from map to map, days.
-LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field);
-
-/// "bar_0007"
-std::string frame_name(const char* what, int frame);
-
-/// The one file that is to be turned. Throws InputError naming `option` when it is not one.
-std::filesystem::path only_file(const std::vector<std::string>& patterns, const char* option);
-
 }  // namespace refield::cli
