@@ -215,7 +215,6 @@ void submit_jobs(const Submission& submission, const Plan& plan, const std::vect
 }
 
 void run_submit(SubmitArguments arguments, const Common& common) {
-  if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
   const CaptureOptions& capture = arguments.capture;
   // Only until the jobs are submitted; the one that merges takes the output then.
   const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
@@ -273,7 +272,7 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
   for (CLI::Option* option : estimation) option->group("");
   verb->get_option("session")->group("Options");
   std::erase(estimation, verb->get_option("--threads"));
-  verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)");
+  verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->add_option("--shards", arguments->shards, "Number of shards (default: 32, of at least 16 rows each)")
       ->check(CLI::Range(1, 1000));
   verb->add_option(

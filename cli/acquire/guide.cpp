@@ -81,13 +81,11 @@ std::vector<Choice> find_cameras() {
     list.push_back(
         {same == 1 ? camera.card : camera.node.string(), "V4L2 camera " + camera.card + " at " + camera.bus});
   }
-  if (has_genicam())
-    for (const GenicamIdentity& camera : find_genicam_cameras())
-      list.push_back({"genicam:" + camera.serial, "GenICam camera " + camera.vendor + " " + camera.model +
-                                                      ", " + camera.protocol + " at " + camera.address});
-  if (has_gphoto())
-    for (const GphotoIdentity& camera : find_gphoto_cameras())
-      list.push_back({"gphoto:" + camera.model, "DSLR at " + camera.port});
+  for (const GenicamIdentity& camera : find_genicam_cameras())
+    list.push_back({"genicam:" + camera.serial, "GenICam camera " + camera.vendor + " " + camera.model +
+                                                    ", " + camera.protocol + " at " + camera.address});
+  for (const GphotoIdentity& camera : find_gphoto_cameras())
+    list.push_back({"gphoto:" + camera.model, "DSLR at " + camera.port});
   return list;
 }
 
@@ -95,7 +93,7 @@ std::vector<Choice> find_cameras() {
 /// runs freely, each change of the exposure or the pattern costs the frame that is on its way.
 bool triggers_by_software(const std::string& name) {
   const std::string kind = "genicam:";
-  if (!has_genicam() || !name.starts_with(kind)) return false;
+  if (!name.starts_with(kind)) return false;
   const std::string device = name.substr(kind.size());
   for (const GenicamIdentity& camera : find_genicam_cameras()) {
     if (device != camera.serial && device != camera.address && device != camera.id && device != camera.model)
