@@ -186,12 +186,7 @@ Image Field::relight(const LightMapView& light, const RunContext& run) const {
 
 void Field::relight(std::span<const LightMapView> lights, std::span<float> pictures,
                     const RunContext& run) const {
-  for (const LightMapView& light : lights) {
-    LightMap given{{}, light.parameterisation};
-    given.radiance.width = light.radiance.width;
-    given.radiance.height = light.radiance.height;
-    require_domain(given, light_domain());
-  }
+  for (const LightMapView& light : lights) require_domain(light, light_domain());
   const std::size_t values = std::size_t{3} * width() * height() * lights.size();
   if (pictures.size() != values)
     throw InputError("there is room for " + std::to_string(pictures.size()) +

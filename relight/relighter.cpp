@@ -189,10 +189,7 @@ void TileRelighter::require_image(std::span<const float> out) const {
 }
 
 void TileRelighter::relight_into(const LightMapView& light, std::span<float> out) {
-  LightMap outline{{}, light.parameterisation};  // size and parameterisation alone
-  outline.radiance.width = light.radiance.width;
-  outline.radiance.height = light.radiance.height;
-  require_domain(outline, domain_);
+  require_domain(light, domain_);
   if (light.radiance.channels != 3) throw InputError("the light map does not have three channels");
   require_image(out);
   show(light.radiance, target(out.data()));

@@ -29,7 +29,7 @@ Parameterisation v0_2::parameterisation_from_name(std::string_view name) {
                    "'; use monitor, lat_long or cube");
 }
 
-void require_domain(const LightMap& light, const LightDomain& domain) {
+void require_domain(const LightMapView& light, const LightDomain& domain) {
   const LightDomain given = light.domain();
   if (given != domain)
     throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +

@@ -30,7 +30,7 @@ struct BoxHash {
 std::string_view kind_of_light(const Image& radiance);
 
 /// Throws InputError unless the light is of a field's domain.
-void require_domain(const LightMap& light, const LightDomain& domain);
+void require_domain(const LightMapView& light, const LightDomain& domain);
 
 /// Direction that a point of a lat-long map stands for. `column` in [0, width], `row` in [0, height].
 /// With φ = 2π·column/width and θ = π·row/height: direction = (−sin θ sin φ, cos θ, −sin θ cos φ). Someone

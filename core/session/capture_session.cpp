@@ -400,10 +400,6 @@ void interpolate_row(const Image& rows, int first_row, int y, const std::array<d
     }
 }
 
-}  // namespace
-
-namespace {
-
 /// What undo_rig() does to samples that were all measured.
 Image moved_and_unmixed(const Image& rows, int first_row, int first, int last,
                         const FrameCorrection& correction) {
