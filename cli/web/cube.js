@@ -169,15 +169,8 @@ const cube = (() => {
     }
 
     projectBoxes() {
-      const {side, table, energy, found, coefficients} = this, stride = (side + 1) * 3;
-      for (let y = 0, from = 0; y < 6 * side; ++y) {
-        let red = 0, green = 0, blue = 0;
-        for (let x = 0, at = (y + 1) * stride + 3; x < side; ++x, at += 3, from += 3) {
-          table[at] = table[at - stride] + (red += energy[from]);
-          table[at + 1] = table[at + 1 - stride] + (green += energy[from + 1]);
-          table[at + 2] = table[at + 2 - stride] + (blue += energy[from + 2]);
-        }
-      }
+      const {side, table, energy, found, coefficients} = this;
+      light.fillTable(table, {width: side, height: 6 * side, values: energy});
       for (let k = this.vectorCount; k < this.boxCount; ++k) {
         this.sumBox(table, 3, k, 0);
         for (let c = 0; c < 3; ++c) coefficients[4 * (this.harmonicCount + k) + c] = found[c];

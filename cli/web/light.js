@@ -183,6 +183,19 @@ const light = (() => {
     }
   }
 
+  /// Sums of a map left of and above each corner of its texels.
+  function fillTable(table, {width, height, values}) {
+    const stride = (width + 1) * 3;
+    for (let y = 0, from = 0; y < height; ++y) {
+      let red = 0, green = 0, blue = 0;
+      for (let x = 0, at = (y + 1) * stride + 3; x < width; ++x, at += 3, from += 3) {
+        table[at] = table[at - stride] + (red += values[from]);
+        table[at + 1] = table[at + 1 - stride] + (green += values[from + 1]);
+        table[at + 2] = table[at + 2 - stride] + (blue += values[from + 2]);
+      }
+    }
+  }
+
   /// Sums of a light over each kernel of a field (Crow 1984), in double as the program does: the sum over a small box is a
   /// small difference of large numbers.
   class Projector {
@@ -192,18 +205,6 @@ const light = (() => {
       this.table = new Float64Array((field.light.width + 1) * (field.light.height + 1) * 3);
       this.coefficients = Projector.emptyCoefficients(this.hatCount + field.boxes.length / 4);
       if (field.interpolation) this.interpolator = new Interpolator(field.light, field.interpolation);
-    }
-
-    fillTable(map) {
-      const table = this.table, stride = (map.width + 1) * 3;
-      for (let y = 0, from = 0; y < map.height; ++y) {
-        let r = 0, g = 0, b = 0;
-        for (let x = 0, at = (y + 1) * stride + 3; x < map.width; ++x, at += 3, from += 3) {
-          table[at] = table[at - stride] + (r += map.values[from]);
-          table[at + 1] = table[at + 1 - stride] + (g += map.values[from + 1]);
-          table[at + 2] = table[at + 2 - stride] + (b += map.values[from + 2]);
-        }
-      }
     }
 
     projectBoxes(boxes, result) {
@@ -244,7 +245,7 @@ const light = (() => {
     /// [rows × Projector.width × 4], kernel after kernel; the fourth value is unused. Valid until the next call.
     project(map) {
       if (this.interpolator) map = this.interpolator.gathered(map);
-      this.fillTable(map);
+      fillTable(this.table, map);
       this.projectBoxes(this.field.boxes, this.coefficients);
       if (this.hatCount > 0) this.projectHats(map);
       return this.coefficients;
@@ -264,5 +265,5 @@ const light = (() => {
   }
   Projector.width = 2048;
 
-  return {black, addBar, addSpot, rotated, resampled, throughWindow, Projector};
+  return {black, addBar, addSpot, rotated, resampled, throughWindow, fillTable, Projector};
 })();
