@@ -196,10 +196,10 @@ void paint_buildings(Image& image, const Style& style, Rng& rng) {
 }
 
 struct Leaf {
-  float x, y, radius, aspect, turn;
+  float x, y, radius, aspect, turn = 0.0f;
   int shape;  // 0 ellipse, 1 rectangle, 2 triangle
   Rgb colour;
-  float gradient_x, gradient_y, stripe_pitch, grain;
+  float gradient_x = 0.0f, gradient_y = 0.0f, stripe_pitch = 0.0f, grain = 0.0f;
 };
 
 bool inside_shape(int shape, float u, float v) {
@@ -278,10 +278,8 @@ void paint_area_lights(Image& image, const Style& style, Rng& rng) {
         static_cast<float>(image.height * (0.5 - 0.16 * rng.normal() - (style.outdoors ? 0.0 : 0.05)));
     area_light.radius = static_cast<float>(std::max(0.8, image.width / 700.0 * std::exp(0.9 * rng.normal())));
     area_light.aspect = std::exp(real(rng, -0.6, 0.6));
-    area_light.turn = 0.0f;
     area_light.shape = static_cast<int>(rng.below(2));
     area_light.colour = style.area_light_colour * random_colour(rng, 1.2, 0.5);
-    area_light.gradient_x = area_light.gradient_y = area_light.stripe_pitch = area_light.grain = 0.0f;
     paint_leaf(image, area_light, 0);
   }
   if (style.outdoors) return;
@@ -291,12 +289,9 @@ void paint_area_lights(Image& image, const Style& style, Rng& rng) {
     window.y = static_cast<float>(image.height * rng.uniform(0.36, 0.5));
     window.radius = static_cast<float>(image.width * rng.uniform(0.015, 0.05));
     window.aspect = std::exp(real(rng, -0.4, 0.2));
-    window.turn = 0.0f;
     window.shape = 1;
     window.colour = Rgb(0.9f, 1.0f, 1.15f) * real(rng, 1.0, 3.5);
-    window.gradient_x = 0.0f;
     window.gradient_y = -0.3f;
-    window.stripe_pitch = 0.0f;
     window.grain = 0.3f;
     paint_leaf(image, window, rng.next());
     Leaf bar = window;
