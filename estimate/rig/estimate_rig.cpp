@@ -198,6 +198,9 @@ constexpr double min_gain_gain = 0.04, min_gain = 0.0085;
 /// 2 % 75 and more.
 constexpr double min_own_share = 15.0;
 constexpr Index own_directions = 8;
+/// Of gains, explained by the lights: mixtures of a light stage's sources show .72 to .91, gains of 1 % and
+/// more -1.6 to -.4.
+constexpr double max_share_of_lights = 0.5;
 /// The same for gains that channels have besides.
 constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
 /// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
@@ -212,9 +215,15 @@ constexpr double clear_motion_gain = 0.1;
 constexpr double max_residual_of_tone = 0.1, max_residual_of_gains = 0.08;
 constexpr int min_lights_for_gains = 60;
 /// That pixels have constants: room light of 1 % shows about 0, of 2 % 1.7, undisturbed captures -7 to -2.
-constexpr double min_room_agreement = -0.5, min_room_agreement_if_changing = -3.0;
+/// Designed patterns, all of one mean brightness, show -1.3 where the room light changes by 5 %, and a mean
+/// of the wrong sign.
+constexpr double min_room_agreement = -0.5;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
+/// Photographs of cycles-b and the tabletop of 128x96 pixels and more, moved back by .3 to .9 pixels, gain 10
+/// to 27 standard errors, those of 64x48 pixels, whose fields do not become better, -1.4 to 1.3.
+constexpr double min_served = 3.0;
+constexpr Index min_targets = 8;
 /// Beyond that many pixels photographs are not comparable at all.
 constexpr double max_shift_px = 4.0;
 /// Stretches of photographs whose sums are compared, and how far. Sums of at least 6 photographs of cycles-b
@@ -278,11 +287,11 @@ class RigEstimation {
 
   /// The model becomes the identity.
   void forget() {
+    if (!model_.shift_px.empty()) path_ = {};  // else motion was found, and is not corrected anyway
     RigModel none;
     none.photographs = std::move(model_.photographs);
     none.white = model_.white;
     model_ = std::move(none);
-    path_ = {};
   }
   void choose_places();
   void choose_way();
@@ -292,6 +301,8 @@ class RigEstimation {
   MatrixXf series(int channel) const;
   void use_exponents();
   double total_criterion() const;
+  bool moving_back_serves(const MatrixXd& shift) const;
+  std::pair<double, std::array<MatrixXf, 3>> smoothed_residuals();
   bool estimate_motion(int round);
   bool lose_track();
   bool jumps_far();
@@ -304,11 +315,11 @@ class RigEstimation {
   bool estimate_brightness();
   struct Brightness;
   Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
-  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
-                         double least_agreement) const;
+  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
+  double share_of_lights(const MatrixXd& gains, const std::array<MatrixXf, 3>& y) const;
   double own_share(const std::array<MatrixXf, 3>& y) const;
   RigReport report() const;
 
@@ -486,6 +497,20 @@ void move_back(const Tile& from, const MatrixXd& shift, Tile& to) {
         }
       }
   }
+}
+
+/// Image i of a tile at a place moved by `shift`.
+float interpolated(const Tile& tile, const Place& place, const Eigen::RowVector2d& shift, int channel,
+                   Index i) {
+  const int x = static_cast<int>(std::floor(shift[0])), y = static_cast<int>(std::floor(shift[1]));
+  const auto across = cubic_weights(shift[0] - x), down = cubic_weights(shift[1] - y);
+  float value = 0.0f;
+  for (int v = 0; v < 4; ++v)
+    for (int u = 0; u < 4; ++u)
+      value += down[v] * across[u] *
+               tile.at(std::clamp(place.x + x + u - 1, 0, tile.width - 1),
+                       std::clamp(place.y + y + v - 1, 0, tile.height - 1), channel)[i];
+  return value;
 }
 
 /// Smooths a tile by a Gaussian of gradient_blur_px.
@@ -699,13 +724,54 @@ bool RigEstimation::lose_track() {
   return false;
 }
 
+/// Whether photographs moved back by `shift` [images × 2] predict better those nearest the first one's
+/// position, which stay as they are: by the mean over pixels of the logarithm of the ratio of residuals'
+/// powers, without and with it, in its standard errors. Residuals of moved photographs do not tell: they are
+/// blurred by interpolation. `current_` must not be moved.
+bool RigEstimation::moving_back_serves(const MatrixXd& shift) const {
+  std::vector<Index> order(static_cast<std::size_t>(images_));
+  std::iota(order.begin(), order.end(), Index{0});
+  std::ranges::stable_sort(order, {}, [&](Index i) { return (shift.row(i) - shift.row(0)).squaredNorm(); });
+  order.resize(static_cast<std::size_t>(std::max(min_targets, images_ / 8)));
+  Eigen::ArrayXd gains = Eigen::ArrayXd::Zero(static_cast<Index>(places_.size()));
+  tbb::parallel_for(Index{0}, gains.size(), [&](Index p) {
+    const Place& place = places_[static_cast<std::size_t>(p)];
+    const Tile& tile = current_[place.tile];
+    for (int c = 0; c < 3; ++c) {
+      double before = 1e-20, after = 1e-20;
+      for (const Index target : order) {
+        float resting = 0.0f, moved = 0.0f;
+        for (Index i = 0; i < images_; ++i) {
+          const float weight = leave_one_out_[c](target, i);
+          resting += weight * tile.at(place.x, place.y, c)[i];
+          moved += weight * interpolated(tile, place, shift.row(i) - shift.row(target), c, i);
+        }
+        before += static_cast<double>(resting) * resting;
+        after += static_cast<double>(moved) * moved;
+      }
+      gains[p] += std::log(before / after) / 3.0;
+    }
+  });
+  const auto count = static_cast<double>(gains.size());
+  const double deviation = std::sqrt((gains - gains.mean()).square().sum() / (count - 1.0));
+  return gains.mean() > min_served * deviation / std::sqrt(count);
+}
+
+/// Criterion and residuals of the photographs smoothed, which interpolation hardly changes.
+std::pair<double, std::array<MatrixXf, 3>> RigEstimation::smoothed_residuals() {
+  std::vector<Tile> sharp;
+  for (const Tile& tile : current_) sharp.push_back(smoothed(tile));
+  std::swap(sharp, current_);
+  auto result = std::pair(total_criterion(), relative_residuals());
+  std::swap(sharp, current_);
+  return result;
+}
+
 bool RigEstimation::estimate_motion(int round) {
-  if (lost_track_ || (round > 0 && path_.kind == CapturePath::Kind::rest)) return false;
+  if (lost_track_ || (round > 0 && model_.shift_px.empty())) return false;
   // Shadows of single light sources move: photographs of a relief were "moved" by up to 3.6 pixels.
   if (!predictors_.are_mixtures() && relative(total_criterion()) > max_residual_of_tone) return false;
   const MatrixXd before = shift_;
-  const auto residuals = relative_residuals();
-  const double start = total_criterion();
   MatrixXd measured = shift_;
   VectorXd variance;
   for (int step = 0; step < max_steps; ++step) {
@@ -725,21 +791,26 @@ bool RigEstimation::estimate_motion(int round) {
   }
   path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
   if (path_.values.cwiseAbs().maxCoeff() < min_motion_px) path_.kind = CapturePath::Kind::rest;
-  if (path_.kind == CapturePath::Kind::rest) path_.values.setZero();
-  const auto follow = [&] {
-    shift_ = path_.values(chosen_, Eigen::all);
-    model_.shift_px.clear();
-    if (path_.kind != CapturePath::Kind::rest)
-      for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
+  model_.shift_px.clear();
+  const auto move_by = [&](const MatrixXd& shift) {
+    shift_ = shift;
     prepare();
   };
-  follow();
-  // Photographs near the mean position gain nothing where the camera moved steadily.
-  if (path_.kind != CapturePath::Kind::rest && round == 0 && start - total_criterion() < clear_motion_gain &&
-      agreement(residuals, relative_residuals()) < min_motion_agreement) {
-    path_.kind = CapturePath::Kind::rest;
-    path_.values.setZero();
-    follow();
+  move_by(MatrixXd::Zero(images_, 2));
+  if (path_.kind != CapturePath::Kind::rest) {
+    const MatrixXd shift = path_.values(chosen_, Eigen::all);
+    const bool serves = moving_back_serves(shift);
+    const auto [start, residuals] = smoothed_residuals();
+    move_by(shift);
+    const auto [end, moved_residuals] = smoothed_residuals();
+    // Photographs near the mean position gain nothing where the camera moved steadily.
+    if (round == 0 && start - end < clear_motion_gain &&
+        agreement(residuals, moved_residuals) < min_motion_agreement)
+      path_.kind = CapturePath::Kind::rest;
+    if (path_.kind == CapturePath::Kind::rest || !serves)
+      move_by(MatrixXd::Zero(images_, 2));
+    else
+      for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
   }
   return (shift_ - before).cwiseAbs().maxCoeff() > 2.0 * small_step_px;
 }
@@ -1046,6 +1117,26 @@ double RigEstimation::own_share(const std::array<MatrixXf, 3>& y) const {
   return others > 0.0 ? own.sum() * static_cast<double>(directions - 1) / others : 0.0;
 }
 
+/// Share of the power of gain × mean photograph that unblurred lights predict of each photograph from the
+/// others: sources whose strength differs from that in their maps change the brightness of all pixels as
+/// gains do, but follow from the light.
+double RigEstimation::share_of_lights(const MatrixXd& gains, const std::array<MatrixXf, 3>& y) const {
+  double residual = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXd lights = lights_.of_channel[c][0](Eigen::all, chosen_);
+    MatrixXd gram = lights.transpose() * lights;
+    gram /= std::max(1e-30, gram.trace() / static_cast<double>(images_));
+    gram.array() += 1.0;
+    const MatrixXd inverse = ridge_inverse(gram, 1e-3);
+    const Eigen::VectorXf weights = (y[c].colwise().norm().transpose().array() + 1e-20f).inverse();
+    VectorXd change = gains.col(c).cwiseProduct((y[c] * weights).cast<double>());
+    change.array() -= change.mean();
+    residual +=
+        (inverse * change).cwiseQuotient(inverse.diagonal()).squaredNorm() / (change.squaredNorm() + 1e-30);
+  }
+  return 1.0 - residual / 3.0;
+}
+
 /// Gains of each photograph and channel, and room light, which changes along a path. Both change the
 /// brightness: room light is taken where its few parameters explain as much.
 bool RigEstimation::estimate_brightness() {
@@ -1075,8 +1166,7 @@ bool RigEstimation::estimate_brightness() {
   }
   const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
-  const double mean_room =
-      mean_room_light(y, scene, changes ? min_room_agreement_if_changing : min_room_agreement);
+  const double mean_room = mean_room_light(y, scene);
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
   if (changes) y = dark;
@@ -1105,7 +1195,7 @@ bool RigEstimation::estimate_brightness() {
   const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain &&
                      size_of(common) > min_gain && (balances || own_share(y) > min_own_share);
   if (!gains) gain -= common;
-  if (gains || balances) {
+  if ((gains || balances) && share_of_lights(gain, y) < max_share_of_lights) {
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
     for (Index i = 0; i < images_; ++i)
       for (int c = 0; c < 3; ++c)
@@ -1151,8 +1241,7 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
 }
 
 /// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants.
-double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene,
-                                      double least_agreement) const {
+double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const {
   double product = 0.0, power = 0.0;
   std::array<MatrixXf, 3> without, with;
   for (int c = 0; c < 3; ++c) {
@@ -1166,7 +1255,7 @@ double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Ei
   }
   const double mean = power > 0.0 ? product / power : 0.0;
   const double agrees = agreement(without, with);
-  return std::abs(mean) > min_room && agrees > least_agreement ? mean : 0.0;
+  return std::abs(mean) > min_room && agrees > min_room_agreement ? mean : 0.0;
 }
 
 RigReport RigEstimation::report() const {
@@ -1184,12 +1273,12 @@ RigReport RigEstimation::report() const {
                     model_.photographs[static_cast<std::size_t>(jump_near_)].c_str());
     add("motion", false, std::max(jump_px_, max_shift_px), std::string(text) + ", too far to be corrected");
     report.findings.back().state = RigFinding::State::unusable;
-  } else if (model_.shift_px.empty()) {
+  } else if (path_.kind == CapturePath::Kind::rest) {
     add("motion", false, 0.0, "the camera rested");
   } else {
-    const auto largest =
-        *std::ranges::max_element(model_.shift_px, {}, [](const auto& d) { return std::hypot(d[0], d[1]); });
-    const double amount = std::hypot(largest[0], largest[1]);
+    Index at = 0;
+    const double amount = std::sqrt(path_.values.rowwise().squaredNorm().maxCoeff(&at));
+    const Eigen::RowVector2d largest = path_.values.row(at);
     std::string how = "the camera moved from photograph to photograph";
     if (path_.kind == CapturePath::Kind::line) how = "the camera moved steadily";
     if (path_.kind == CapturePath::Kind::jumps) {
@@ -1198,7 +1287,10 @@ RigReport RigEstimation::report() const {
     }
     std::snprintf(text, sizeof text, ", the picture by up to %.2f pixels (%+.2f to the right, %+.2f down)",
                   amount, largest[0], largest[1]);
-    add("motion", true, amount, how + text);
+    const bool moved_back = !model_.shift_px.empty();
+    add("motion", moved_back, amount,
+        how + text + (moved_back ? "" : "; moving photographs back would blur more than it corrects"));
+    if (!moved_back) report.findings.back().state = RigFinding::State::suspicious;
   }
   const Eigen::Matrix3d& m = model_.mixing;
   const double mixed = (m - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();

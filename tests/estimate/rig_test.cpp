@@ -47,8 +47,10 @@ class WavyCapture {
   std::vector<std::array<double, 2>> shift;
   std::vector<std::array<double, 3>> gain;
   std::vector<double> room;
-  std::vector<int> light_of;  ///< what each photograph shows
-  int hot_every = 0;          ///< rows and columns between pixels that show 100; 0: there are none
+  std::vector<int> light_of;     ///< what each photograph shows
+  std::vector<double> strength;  ///< of each texel, besides what the maps say; empty: 1
+  bool has_edges = false;        ///< bars between pixels in place of waves: interpolation blurs them
+  int hot_every = 0;             ///< rows and columns between pixels that show 100; 0: there are none
 
   int images() const { return static_cast<int>(lights_.size()); }
 
@@ -78,7 +80,8 @@ class WavyCapture {
     for (int y = 0; y < 12; ++y)
       for (int x = 0; x < 16; ++x)
         sum += std::exp(-0.5 * ((x - x0) * (x - x0) + (y - y0) * (y - y0)) / (reach * reach)) *
-               std::pow(light.radiance.at(x, y, c), tone);
+               std::pow(light.radiance.at(x, y, c), tone) *
+               (strength.empty() ? 1.0 : strength[static_cast<std::size_t>(16 * y + x)]);
     return sum / (reach * reach);
   }
 
@@ -97,8 +100,10 @@ class WavyCapture {
           for (int y = 0; y < height; ++y)
             for (int x = 0; x < width; ++x) {
               const double along = (x - shift[j][0]) * std::cos(angle) + (y - shift[j][1]) * std::sin(angle);
-              image.at(x, y, c) += static_cast<float>(
-                  power * (1.0 + 0.8 * std::sin(2 * std::numbers::pi * along / period + phase)));
+              double wave = 0.8 * std::sin(2 * std::numbers::pi * along / period + phase);
+              if (has_edges)
+                wave = std::sin(12 * std::numbers::pi * along / period + phase) > 0.0 ? 0.8 : -0.8;
+              image.at(x, y, c) += static_cast<float>(power * (1.0 + wave));
             }
         }
       for (std::size_t i = 0; i < image.values.size(); ++i)
@@ -204,6 +209,17 @@ TEST(Rig, ACameraThatMovedTooFarIsToldAndNotCorrected) {
   EXPECT_THAT(finding(report, "motion").measured, HasSubstr("by about 9 pixels near 30"));
 }
 
+TEST(Rig, EdgesThatInterpolationBlursAreNotMovedBack) {
+  WavyCapture capture(60);
+  for (int j = 25; j < 60; ++j) capture.shift[j] = {0.4, -0.3};
+  EXPECT_FALSE(capture.report().model.shift_px.empty());
+  capture.has_edges = true;
+  const RigReport report = capture.report();
+  EXPECT_TRUE(report.model.is_identity()) << rig_text(report.model);
+  EXPECT_EQ(finding(report, "motion").state, RigFinding::State::suspicious);
+  EXPECT_THAT(finding(report, "motion").measured, HasSubstr("blur more"));
+}
+
 TEST(Rig, ARandomWalkIsFollowed) {
   WavyCapture capture(60);
   Rng rng(4);
@@ -267,6 +283,21 @@ TEST(Rig, SingleLightSourcesTellNoToneCurve) {
   }
   capture.tone = 1.3;
   EXPECT_FALSE(capture.report().model.bends_tone());
+}
+
+// Sources of a light stage whose strength differs from that in the maps change the brightness as gains do.
+TEST(Rig, StrengthOfLightSourcesIsNoGain) {
+  WavyCapture capture(100);
+  Rng rng(4);
+  for (int i = 0; i < 16 * 12; ++i) capture.strength.push_back(std::exp(0.3 * rng.normal()));
+  for (LightMap& light : capture.lights())
+    for (int y = 0; y < 12; ++y)
+      for (int x = 0; x < 16; ++x) {
+        const auto grey = static_cast<float>(x % 2 == 0 && y % 2 == 0 ? rng.uniform() : 0.0);
+        for (int c = 0; c < 3; ++c) light.radiance.at(x, y, c) = grey;
+      }
+  const RigReport report = capture.report();
+  EXPECT_TRUE(report.model.is_identity()) << rig_text(report.model);
 }
 
 TEST(Rig, WhiteBalanceOfEachPhotographIsFound) {
