@@ -221,7 +221,7 @@ constexpr double min_room_agreement = -0.5;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
 /// Photographs of cycles-b and the tabletop of 128x96 pixels and more, moved back by .3 to .9 pixels, gain 10
-/// to 27 standard errors, those of 64x48 pixels, whose fields do not become better, -1.4 to 1.3.
+/// to 16 standard errors, those of 64x48 pixels, whose fields do not become better, -1.5 to 1.7.
 constexpr double min_served = 3.0;
 constexpr Index min_targets = 8;
 /// Beyond that many pixels photographs are not comparable at all.
