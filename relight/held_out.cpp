@@ -13,7 +13,7 @@
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
-#include "core/session/journal.h"
+#include "core/light/light_pattern.h"
 
 namespace refield {
 
@@ -185,9 +185,11 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
                               lights = names_in(provenance, "lights");
   const auto is_trained = [&](CaptureFrame frame) {
     frame.correction.reset();
-    return trained.contains(frame.name) ||
-           (!lights.empty() && lights.contains(digest_of(
-                                   read_illumination(frame, session.light.parameterisation, run).radiance)));
+    if (trained.contains(frame.name)) return true;
+    if (lights.empty()) return false;
+    const std::string pattern =
+        pattern_of(read_illumination(frame, session.light.parameterisation, run).radiance);
+    return std::ranges::any_of(lights, [&](const auto& light) { return is_same_pattern(light, pattern); });
   };
   const bool is_exact = provenance.is_object() && provenance.contains("program");  // simulated, not estimated
   if (truth) noise_scale = 0.0;

@@ -64,12 +64,6 @@ std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before) {
       ::crc32_z(before, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }
 
-std::string digest_of(const Image& image) {
-  const auto* bytes = reinterpret_cast<const char*>(image.values.data());
-  return std::to_string(image.width) + "x" + std::to_string(image.height) + "-" +
-         crc32_text(crc32_of({bytes, image.values.size() * sizeof image.values[0]}));
-}
-
 JournalFile inspect_file(const fs::path& folder, const std::string& path) {
   std::ifstream stream(folder / path, std::ios::binary);
   JournalFile file{path, 0, 0};

@@ -6,8 +6,6 @@
 #include <string_view>
 #include <vector>
 
-#include "core/image/image.h"
-
 namespace refield {
 
 /// A finished file as the journal knows it.
@@ -30,10 +28,6 @@ std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before = 0);
 
 /// A checksum in eight hexadecimal digits, as files of a session state it.
 std::string crc32_text(std::uint32_t value);
-
-/// Size and checksum of an image's values: equal for files that hold the same image, whatever they are
-/// called.
-std::string digest_of(const Image& image);
 
 /// Size and checksum of folder/path as it is on disk. Throws DeviceError when it cannot be read.
 JournalFile inspect_file(const std::filesystem::path& folder, const std::string& path);

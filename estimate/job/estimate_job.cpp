@@ -284,7 +284,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
   for (const CaptureFrame& frame : job.frames)
     if (!frame.views) provenance["frames"].push_back(frame.name);
   for (const CaptureFrame& frame : job.frames)
-    if (const auto found = job.light_digests.find(frame.name); found != job.light_digests.end())
+    if (const auto found = job.light_patterns.find(frame.name); found != job.light_patterns.end())
       provenance["lights"].push_back(found->second);
   for (const std::string& name : job.held_out) provenance["held_out"].push_back(name);
   if (job.drift.significant)

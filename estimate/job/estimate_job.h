@@ -39,7 +39,7 @@ struct EstimateJob {
   RigModel rig;                       ///< what the frames are corrected for
   std::vector<std::string> left_out;  ///< names of training frames that check_frames() took out
   std::vector<std::string> held_out;  ///< names of the test frames
-  std::map<std::string, std::string> light_digests;  ///< by names of frames, from check_frames()
+  std::map<std::string, std::string> light_patterns;  ///< by names of frames, from check_frames()
   /// The field that takes in new images; null for a fresh start.
   std::shared_ptr<Refinement> refinement = nullptr;
 };

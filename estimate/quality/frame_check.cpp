@@ -16,6 +16,7 @@
 #include "core/base/files.h"
 #include "core/base/json_text.h"
 #include "core/base/run_context.h"
+#include "core/light/light_pattern.h"
 
 namespace refield {
 
@@ -105,15 +106,15 @@ void require_intact(const EstimateJob& job, const RunContext& run) {
 }
 
 /// By these a field recognises the light maps of its training images, whatever their files are called.
-void digest_lights(EstimateJob& job, const RunContext& run) {
-  std::vector<std::string> digests(job.frames.size());
-  tbb::parallel_for(std::size_t{0}, digests.size(), [&](std::size_t j) {
+void note_patterns(EstimateJob& job, const RunContext& run) {
+  std::vector<std::string> patterns(job.frames.size());
+  tbb::parallel_for(std::size_t{0}, patterns.size(), [&](std::size_t j) {
     run.throw_if_stopped();
     CaptureFrame frame = job.frames[j];
     frame.correction.reset();
-    digests[j] = digest_of(read_illumination(frame, job.session.light.parameterisation, run).radiance);
+    patterns[j] = pattern_of(read_illumination(frame, job.session.light.parameterisation, run).radiance);
   });
-  for (std::size_t j = 0; j < digests.size(); ++j) job.light_digests[job.frames[j].name] = digests[j];
+  for (std::size_t j = 0; j < patterns.size(); ++j) job.light_patterns[job.frames[j].name] = patterns[j];
 }
 
 /// What the frames are compared by.
@@ -363,7 +364,7 @@ struct FrameCheck {
   FrameReport report;
   double mean_square = 0.0;
   NoiseModel noise;
-  std::map<std::string, std::string> light_digests;
+  std::map<std::string, std::string> light_patterns;
 };
 
 /// Nothing where the file is not there, damaged or of other inputs: the frames are checked again then.
@@ -383,7 +384,7 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   json.at("clipped_share").get_to(check.report.clipped_share);
   json.at("relative_noise").get_to(check.report.noise);
   json.at("mean_square").get_to(check.mean_square);
-  json.at("light_digests").get_to(check.light_digests);
+  json.at("light_patterns").get_to(check.light_patterns);
   const auto& noise = json.at("noise");
   noise.at("log_level").get_to(check.noise.log_level);
   noise.at("log_variance").get_to(check.noise.log_variance);
@@ -412,7 +413,7 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
   const bool finds_rig = (options.keep_rig || !options.rig) && images >= min_frames_for_rig;
   if (options.rig && !options.keep_rig) correct(job, *options.rig, report);
   require_intact(job, run);
-  digest_lights(job, run);
+  note_patterns(job, run);
   FrameEvidence evidence(job, options, can_assess || finds_rig, run);
   job.mean_square = evidence.sample.mean_square({});
   report.clipped_share = share_not_measured(evidence.sample);
@@ -461,7 +462,7 @@ std::string frame_check_text(const EstimateJob& job, const FrameReport& report, 
                                        {"clipped_share", report.clipped_share},
                                        {"relative_noise", report.noise},
                                        {"mean_square", job.mean_square},
-                                       {"light_digests", job.light_digests},
+                                       {"light_patterns", job.light_patterns},
                                        {"noise",
                                         {{"log_level", job.noise.log_level},
                                          {"log_variance", job.noise.log_variance},
@@ -482,7 +483,7 @@ FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
     log_frames(check->report, job.frames.size(), run);
     job.mean_square = check->mean_square;
     job.noise = std::move(check->noise);
-    job.light_digests = std::move(check->light_digests);
+    job.light_patterns = std::move(check->light_patterns);
     leave_out(job, check->report, options);
     return check->report;
   }

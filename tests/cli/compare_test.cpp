@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "core/base/files.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
+#include "core/light/light_pattern.h"
 #include "core/session/capture_session.h"
-#include "core/session/journal.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
@@ -164,13 +165,23 @@ TEST_F(ComparePairs, OnlyThoseThatTheFieldWasNotEstimatedFrom) {
   EXPECT_NE(warning_.find("1 of the 6 photographs"), std::string::npos) << warning_;
 }
 
-TEST_F(ComparePairs, LightMapsOfTrainingImagesAreRecognisedUnderOtherNames) {
-  const std::string digest = digest_of(read_image(folder_ / "light/2.exr"));
-  const std::string provenance = R"({"frames": ["a"], "lights": [")" + digest + R"("]})";
+TEST_F(ComparePairs, LightOfTrainingImagesIsRecognisedUnderOtherNamesAndInOtherEncodings) {
+  const Image light = read_image(folder_ / "light/2.exr");
+  const std::string provenance = R"({"frames": ["a"], "lights": [")" + pattern_of(light) + R"("]})";
   EXPECT_EQ(compare(provenance)["trained_on"], 1);
   EXPECT_NE(warning_.find("1 of the 6 photographs"), std::string::npos) << warning_;
-  Image other = read_image(folder_ / "light/2.exr");
-  other.values[5] += 0.01f;
+  Image other = light;
+  for (float& value : other.values) value *= 0.3f;
+  write_exr(folder_ / "light/2.exr", other, Precision::half);
+  EXPECT_EQ(compare(provenance)["trained_on"], 1);
+  const float white = *std::ranges::max_element(light.values);
+  for (float& value : other.values) value /= 0.3f * white;  // of half precision
+  write_png(folder_ / "light/2.png", other, {});
+  fs::remove(folder_ / "light/2.exr");
+  EXPECT_EQ(compare(provenance)["trained_on"], 1);
+  fs::remove(folder_ / "light/2.png");
+  other = light;
+  other.values[5] += 0.5f * white;
   write_exr(folder_ / "light/2.exr", other);
   EXPECT_EQ(compare(provenance)["trained_on"], 0);
 }

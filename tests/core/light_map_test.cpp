@@ -3,14 +3,67 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
 #include "core/base/errors.h"
 #include "core/base/rng.h"
+#include "core/image/tone_map.h"
 #include "core/light/cube_map.h"
+#include "core/light/light_pattern.h"
 
 namespace refield {
 namespace {
 
 constexpr double rounding = 1e-9;
+
+/// Pairs of different lights, [lights], that is_same_pattern() takes for the same.
+int confused(const std::vector<Image>& lights) {
+  std::vector<std::string> patterns;
+  for (const Image& light : lights) patterns.push_back(pattern_of(light));
+  int same = 0;
+  for (std::size_t i = 0; i < patterns.size(); ++i)
+    for (std::size_t j = 0; j < i; ++j) same += is_same_pattern(patterns[i], patterns[j]);
+  return same;
+}
+
+TEST(LightPattern, TellsSingleTexelsColoursAndPatternsOnAGroundApart) {
+  std::vector<Image> texels, grounds, colours;
+  for (std::size_t p = 0; p < 24 * 16; ++p) {
+    texels.emplace_back(24, 16, 3);
+    for (int c = 0; c < 3; ++c) texels.back().values[3 * p + c] = 0.5f;
+  }
+  Rng rng(3);
+  for (int i = 0; i < 100; ++i) {
+    grounds.emplace_back(24, 16, 3);
+    for (float& value : grounds.back().values) value = 0.5f + static_cast<float>(rng.uniform(0.0, 0.02));
+  }
+  for (int i = 0; i < 25; ++i) {
+    colours.emplace_back(24, 16, 3);
+    const std::array colour = {1.0f, 0.25f * static_cast<float>(i % 5), 0.25f * static_cast<float>(i / 5)};
+    for (std::size_t k = 0; k < colours.back().values.size(); ++k) colours.back().values[k] = colour[k % 3];
+  }
+  grounds.emplace_back(24, 16, 3);  // black
+  EXPECT_EQ(confused(texels), 0);
+  EXPECT_EQ(confused(grounds), 0);
+  EXPECT_EQ(confused(colours), 0);
+}
+
+TEST(LightPattern, SurvivesRoundingAndAnyBrightness) {
+  Rng rng(4);
+  for (int i = 0; i < 200; ++i) {
+    Image light(24, 16, 3), rounded = light;
+    const float brightness = static_cast<float>(rng.uniform(0.05, 20.0));
+    for (std::size_t k = 0; k < light.values.size(); ++k) {
+      light.values[k] = static_cast<float>(std::pow(rng.uniform(), 3.0));
+      rounded.values[k] =
+          brightness * linear_from_srgb(std::round(srgb_from_linear(light.values[k]) * 255.0f) / 255.0f);
+    }
+    EXPECT_TRUE(is_same_pattern(pattern_of(light), pattern_of(rounded))) << i;
+  }
+}
 
 TEST(LatLong, DirectionsThatTheDocumentationNames) {
   const auto expect_direction = [](double column, double row, const Eigen::Vector3d& expected) {
