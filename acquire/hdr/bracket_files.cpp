@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cctype>
 #include <cerrno>
 #include <cmath>
@@ -76,7 +77,7 @@ struct DngTags {
 void note_tag(void* context, int tag, int type, int count, unsigned order, void* stream, INT64) {
   constexpr int cfa_pattern = 33422, cfa_plane_colour = 50710, cfa_layout = 50711;
   constexpr int delta_h = 50715, delta_v = 50716;
-  constexpr int max_count = 65536, srational = 10;
+  constexpr int max_count = 65536;
   DngTags& tags = *static_cast<DngTags*>(context);
   auto& file = *static_cast<LibRaw_abstract_datastream*>(stream);
   const auto read = [&](std::size_t bytes) {
@@ -94,17 +95,43 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
   } else if (number == cfa_layout) {
     const auto data = read(2);
     if (!data.empty() && data[order == 0x4949 ? 0 : 1] > 1) tags.colours = "in staggered rows or columns";
-  } else if ((number == delta_h || number == delta_v) && type == srational) {
-    const auto data = read(std::size_t{8} * static_cast<std::size_t>(count));
-    const auto integer = [&](std::size_t first) {
-      std::uint32_t value = 0;
-      for (std::size_t i = 0; i < 4; ++i) value = value << 8 | data[first + (order == 0x4949 ? 3 - i : i)];
-      return static_cast<double>(static_cast<std::int32_t>(value));
+  } else if (number == delta_h || number == delta_v) {
+    // TIFF 6.0, section 2. The specification asks for SRATIONAL; LibRaw takes all of these.
+    static constexpr std::array<std::size_t, 13> bytes_of_type = {0, 1, 0, 2, 4, 8, 0, 0, 2, 4, 8, 4, 8};
+    const std::size_t bytes = type > 0 && type < 13 ? bytes_of_type[static_cast<std::size_t>(type)] : 0;
+    const auto data = read(bytes * static_cast<std::size_t>(count));
+    const auto bits = [&](std::size_t first, std::size_t size) {
+      std::uint64_t value = 0;
+      for (std::size_t i = 0; i < size; ++i)
+        value = value << 8 | data[first + (order == 0x4949 ? size - 1 - i : i)];
+      return value;
+    };
+    const auto value_at = [&](std::size_t i) -> double {
+      const auto high = static_cast<std::uint32_t>(bits(i, std::min<std::size_t>(bytes, 4)));
+      switch (type) {
+        case 5:
+        case 10: {
+          const auto low = static_cast<std::uint32_t>(bits(i + 4, 4));
+          return type == 5
+                     ? high / static_cast<double>(low)
+                     : static_cast<std::int32_t>(high) / static_cast<double>(static_cast<std::int32_t>(low));
+        }
+        case 8:
+          return static_cast<std::int16_t>(high);
+        case 9:
+          return static_cast<std::int32_t>(high);
+        case 11:
+          return std::bit_cast<float>(high);
+        case 12:
+          return std::bit_cast<double>(bits(i, 8));
+        default:
+          return high;
+      }
     };
     auto& deltas = tags.black_deltas[number == delta_v];
     deltas.clear();
-    for (std::size_t i = 0; i + 8 <= data.size(); i += 8)
-      deltas.push_back(integer(i + 4) != 0.0 ? integer(i) / integer(i + 4) : 0.0);
+    for (std::size_t i = 0; bytes > 0 && i + bytes <= data.size(); i += bytes)
+      deltas.push_back(std::isfinite(value_at(i)) ? value_at(i) : 0.0);
   }
 }
 

@@ -120,6 +120,10 @@ void read_profile(std::string_view icc, ImageFacts& facts) {
     facts.response = "gamma:" + std::to_string(gamma);
 }
 
+constexpr const char* levels_refusal =
+    "states levels of black and white that are not the full range (ReferenceBlackWhite, CS=ITU601); export "
+    "it "
+    "as RGB of the full range";
 constexpr const char* cmyk_refusal = "stores inks (CMYK), which are no light; export it as RGB";
 
 /// The first directory of a TIFF structure that begins at `base`, and its EXIF directory. Source: TIFF 6.0,
@@ -131,6 +135,9 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
   const auto number = [&](std::uint64_t at, int bytes) { return file.number(at, bytes, is_big_endian); };
   const bool is_big_tiff = number(base + 2, 2) == 43;
   const int word = is_big_tiff ? 8 : 4;
+  double full = 255.0;  // the largest sample
+  bool is_jpeg = false, is_chroma = false;
+  std::array<double, 2> white = {0.3127, 0.329};
   const auto read_directory = [&](std::uint64_t at, const auto& self, int depth) -> void {
     constexpr std::uint64_t max_entries = 4096;
     const std::uint64_t entries = std::min(number(at, is_big_tiff ? 8 : 2), max_entries);
@@ -149,10 +156,13 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
               ? inside
               : base + number(inside, word);
       const bool is_rational = type == 5 || type == 10;
-      const auto value = static_cast<double>(number(place, is_rational ? 4 : bytes));
-      const double fraction = is_rational ? value / static_cast<double>(number(place + 4, 4)) : value;
-      const std::optional<double> positive =
-          fraction > 0.0 && std::isfinite(fraction) ? std::optional(fraction) : std::nullopt;
+      const auto item = [&](int i) {
+        const std::uint64_t begin = place + static_cast<std::uint64_t>(i) * static_cast<std::uint64_t>(bytes);
+        const auto whole = static_cast<double>(number(begin, is_rational ? 4 : bytes));
+        return is_rational ? whole / static_cast<double>(number(begin + 4, 4)) : whole;
+      };
+      const double value = std::isfinite(item(0)) ? item(0) : 0.0;
+      const std::optional<double> positive = value > 0.0 ? std::optional(value) : std::nullopt;
       if (tag == 274 && value >= 1.0 && value <= 8.0) facts.orientation = static_cast<int>(value);
       if (tag == 262) {
         facts.is_raw |= value == 32803.0 || value == 34892.0;  // colour filter array, LinearRaw
@@ -161,7 +171,22 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
         if (value == 32844.0 || value == 32845.0) facts.refusal = "stores LogLuv; convert it to OpenEXR";
         if (value == 5.0) facts.refusal = cmyk_refusal;
       }
-      if (tag == 301 && base == 0 && facts.response.empty()) facts.response = "unknown";  // TransferFunction
+      if (tag == 258) full = std::pow(2.0, value) - 1.0;
+      if (tag == 259) is_jpeg = value == 7.0;
+      if (tag == 262) is_chroma = value == 6.0;
+      if (tag == 322 && (full > 0x1p63 || (is_jpeg && is_chroma)))  // OpenImageIO 2.4 cannot decode these
+        facts.refusal = "stores 64-bit samples or JPEG in tiles; convert it to rows of 8, 16 or 32 bits";
+      // GrayResponseCurve, TransferFunction
+      if ((tag == 291 || tag == 301) && base == 0 && facts.response.empty()) facts.response = "unknown";
+      if (tag == 318 && count == 2) white = {item(0), item(1)};  // WhitePoint
+      if (tag == 319 && count == 6)                              // PrimaryChromaticities
+        facts.chromaticities =
+            chromaticities_of({item(0), item(1), item(2), item(3), item(4), item(5), white[0], white[1]});
+      // ReferenceBlackWhite, which libtiff respects for luminance and chroma that are no JPEG
+      if (tag == 532 && base == 0 && count == 6 && (is_jpeg || !is_chroma))
+        for (int i = 0; i < 6; ++i)
+          if (item(i) != (i % 2 ? full : 0.0) && !(is_chroma && i > 1 && item(i) == (full + 1.0) / 2.0))
+            facts.refusal = levels_refusal;
       if (depth == 0 && ((tag == 254 && number(place, 4) & 1u) || (tag == 255 && value == 2.0)))
         facts.refusal = "begins with a thumbnail (NewSubfileType); export the image alone";
       if (tag == 50706) facts.is_raw = true;  // DNGVersion
@@ -218,6 +243,7 @@ void read_jpeg(FileBytes& file, ImageFacts& facts) {
     const bool is_frame =
         marker >= 0xffc0 && marker <= 0xffcf && marker != 0xffc4 && marker != 0xffc8 && marker != 0xffcc;
     if (is_frame && file.number(at + 9, 1, true) == 4) facts.refusal = cmyk_refusal;
+    if (marker == 0xfffe && file.text(at + 4, 9) == "CS=ITU601") facts.refusal = levels_refusal;  // FFmpeg
     if (marker == 0xffe1 && file.text(at + 4, 6) == "Exif\0\0"sv) read_tiff(file, at + 10, facts);
     if (marker == 0xffe2 && file.text(at + 4, 12) == "ICC_PROFILE\0"sv && length > 16)
       profile += file.text(at + 18, length - 16);

@@ -34,9 +34,8 @@ struct ImageFacts {
 
 /// What to tell about ImageFacts::response "unknown", where samples must be decoded.
 inline constexpr const char* unknown_encoding =
-    "states an encoding (ICC profile, cICP or TransferFunction) that is neither linear, sRGB nor a power; "
-    "convert it to linear "
-    "OpenEXR";
+    "states an encoding (ICC profile, cICP, TransferFunction or GrayResponseCurve) that is neither linear, "
+    "sRGB nor a power; convert it to linear OpenEXR";
 
 /// Values that a damaged header states are left out. Throws DeviceError for a missing file and FormatError
 /// where an EXR header is damaged.

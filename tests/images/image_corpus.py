@@ -39,7 +39,7 @@ def integers(x, bits):
 
 def directory(tags, order, base, big=False):
     """A TIFF directory that begins at `base`: {tag: (type, values)}. Returns its bytes and those behind it."""
-    codes = {1: "B", 2: "s", 3: "H", 4: "I", 5: "II", 7: "B", 10: "ii", 11: "f", 12: "d", 16: "Q"}
+    codes = {1: "B", 2: "s", 3: "H", 4: "I", 5: "II", 6: "b", 7: "B", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d", 16: "Q"}
     inline, head, entry = (8, "Q", "HHQ") if big else (4, "H", "HHI")
     first = base + struct.calcsize("<" + head) + len(tags) * (4 + 2 * inline) + inline
     out, extra = struct.pack(order + head, len(tags)), b""

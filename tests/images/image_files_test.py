@@ -83,6 +83,13 @@ def raw_cases():
         for order, tags in itertools.product("<>", (deltas, {50715: fractions(columns)})):
             shown = stored if len(tags) == 2 else (stored - (rows[:, None] if stored.ndim == 2 else rows[:, None, None])).astype(np.uint16)
             yield case(f"{name}, {len(tags)} of BlackLevelDelta, order {order}", {"a.dng": dng(shown, order=order, tags=tags)}, truth, where=where)
+    lower = columns - 10  # below the common level
+    for kind, order in itertools.product((3, 4, 5, 8, 9, 10, 11, 12), "<>"):
+        shift = columns if kind < 6 else lower
+        values = np.stack([4 * shift, np.full(64, 4)], -1).ravel() if kind in (5, 10) else shift
+        yield case(f"RAW, BlackLevelDelta of type {kind}, order {order}",
+                   {"a.dng": dng(corpus.mosaic((sensor + shift[None, :, None]).astype(np.uint16), "rggb"), order=order, tags={50715: (kind, values)})},
+                   truth, where=sites("rggb", light.shape[:2]))
     yield case("RAW, BlackLevelDelta of other columns", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: fractions(columns[:50])})},
                refused="BlackLevelDelta.*50 rows or columns.*64")
     yield case("RAW of staggered rows", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50711: (3, 6)})}, refused="staggered")
@@ -156,6 +163,20 @@ def tiff_cases():
                    light if how == "photograph" else srgb_decoded(light), how=how)
         yield case(f"TIFF without BitsPerSample: {how}", {"a.tif": tiff(sixteen[..., :1]).replace(struct.pack("<HH", 258, 3), struct.pack("<HH", 257, 3), 1)},
                    refused="no number of bits", how=how)
+        ramp = [v for k in range(3) for v in (0, 1, 65535, 1)]
+        studio = [v for low, high in ((16, 235), (128, 240), (128, 240)) for v in (low * 257, 1, high * 257, 1)]
+        as_read = light if how == "photograph" else srgb_decoded(light)
+        yield case(f"TIFF with ReferenceBlackWhite of the full range: {how}", {"a.tif": tiff(sixteen, tags={532: (5, ramp)})}, as_read, how=how)
+        yield case(f"TIFF with ReferenceBlackWhite of less: {how}", {"a.tif": tiff(sixteen, tags={532: (5, studio)})},
+                   refused="ReferenceBlackWhite", how=how)
+        chroma = {258: (3, [8, 8, 8]), 262: (3, 6), 530: (3, [1, 1]), 532: (5, [n for v in (15, 235, 128, 240, 128, 240) for n in (v, 1)])}
+        grey_levels = np.linspace(15, 235, 32).astype(np.uint8)[None, :, None].repeat(16, 0)
+        stored = np.concatenate([grey_levels, np.full((16, 32, 2), 128, np.uint8)], -1)
+        yield case(f"TIFF of chroma with ReferenceBlackWhite: {how}", {"a.tif": tiff(stored, tags=chroma)},
+                   srgb_decoded((grey_levels.astype(float) - 15) / 220).repeat(3, 2), tolerance=0.06, how=how)
+        yield case(f"TIFF of double in tiles: {how}", {"a.tif": tiff(SCENE, tile=16)}, refused="64-bit samples", how=how)
+        yield case(f"TIFF with GrayResponseCurve: {how}", {"a.tif": tiff(sixteen[..., :1], tags={290: (3, 3), 291: (3, list(range(0, 65536, 256)))})},
+                   refused="states an encoding", how=how)
         yield case(f"TIFF with TransferFunction: {how}", {"a.tif": tiff(sixteen, tags={301: (3, list(range(0, 65536, 256)))})},
                    refused="states an encoding", how=how)
     for curve, how in itertools.product(("srgb", "1.8"), ("photograph", "map")):
@@ -176,6 +197,9 @@ def tiff_cases():
         yield case(f"TIFF {bits} bits, ICC profile {curve}", {"a.tif": tiff(stored, icc=icc(curve))}, SCENE,
                    tolerance=0.08 if bits == 8 else 4e-3)
     yield case("TIFF 16 bits, ICC profile of another curve", {"a.tif": tiff(sixteen, icc=icc("odd"))}, refused="states an encoding.*--response")
+    fractions = lambda xy: (5, [n for v in xy for n in (round(v * 1e4), 10000)])
+    yield case("TIFF PrimaryChromaticities of Adobe RGB: map", {"a.tif": tiff(SCENE.astype(np.float32), tags={318: fractions(ADOBE[6:]), 319: fractions(ADOBE[:6])})},
+               np.maximum(SCENE @ REC709_FROM_ADOBE.T, 0), tolerance=1e-3, how="map", note="primaries.*converted")
     yield case("TIFF with '?' in its name", {"a?b=1.tif": tiff(sixteen)}, light)
 
 
@@ -228,6 +252,9 @@ def jpeg_cases():
     PIL.Image.fromarray(integers(flat, 8)).convert("CMYK").save(inks, "JPEG")
     for how in ("photograph", "map"):
         yield case(f"JPEG of CMYK: {how}", {"a.jpg": inks.getvalue()}, refused="CMYK", how=how)
+    plain = jpeg(integers(corpus.to_srgb(flat), 8))
+    for how in ("photograph", "map"):
+        yield case(f"JPEG of studio range: {how}", {"a.jpg": plain[:2] + b"\xff\xfe\0\x0cCS=ITU601\0" + plain[2:]}, refused="not the full range", how=how)
     for curve in ("srgb", "1.8", "linear"):
         stored = integers(encoded(flat, curve, ""), 8)
         yield case(f"JPEG, ICC profile {curve}", {"a.jpg": jpeg(stored, profile=icc(curve))}, flat, tolerance=0.08, how="map")
