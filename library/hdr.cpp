@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/hdr.h"
 
-#include <limits>
+#include <string>
 #include <vector>
 
 #include "acquire/import/bracket_response.h"
@@ -33,14 +33,25 @@ Photograph v0_2::merge_exposures(std::span<const ImageView> images, std::span<co
                      " exposure times do not belong together; give one exposure time per image");
   for (const double exposure : seconds)
     if (!(exposure > 0.0)) throw InputError("exposures: " + std::to_string(exposure) + " is not above 0");
-  const std::vector<Image> copies(images.begin(), images.end());
-  const std::vector<Seconds> exposures(seconds.begin(), seconds.end());
-  LinearSensor sensor;
-  sensor.saturation = 1.0;
-  sensor.electrons_per_value = camera.full_scale_electrons;
-  sensor.read_noise_electrons = camera.read_noise_electrons;
-  return guarded(
-      run, [&] { return merge_linear_exposures(copies, exposures, sensor, with_unmeasured_saturation); });
+  Bracket bracket;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    bracket.paths.emplace_back("images[" + std::to_string(i) + "]");
+    bracket.files.emplace_back().linear = Image(images[i]);
+    bracket.exposures.emplace_back(seconds[i]);
+    if (!bracket.files[i].linear.same_shape(bracket.files[0].linear))
+      throw InputError(bracket.paths[i].string() + ": is " + shape_text(bracket.files[i].linear) +
+                       ", the first is " + shape_text(bracket.files[0].linear) +
+                       "; merge exposures of one camera");
+  }
+  BracketCamera known;
+  known.saturation = 1.0;
+  known.full_scale_electrons = camera.full_scale_electrons;
+  known.read_noise_electrons = camera.read_noise_electrons;
+  return guarded(run, [&] {
+    const std::vector<BracketSamples> samples = {samples_of(bracket)};
+    for (const std::string& note : settle_response(samples, known)) run.note(note);
+    return merge_bracket(bracket, known);
+  });
 }
 
 }  // namespace refield

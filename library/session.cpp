@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/session.h"
 
+#include <map>
 #include <string>
 #include <utility>
 
@@ -22,9 +23,14 @@ CaptureSession pairs_of(std::span<const fs::path> lights, std::span<const fs::pa
   if (lights.empty()) throw InputError("light and observed are empty; give the files of a capture");
   CaptureSession session;
   session.light.parameterisation = parameterisation;
-  for (std::size_t j = 0; j < lights.size(); ++j)
+  std::map<fs::path, fs::path> light_of;
+  for (std::size_t j = 0; j < lights.size(); ++j) {
+    if (const fs::path& light = light_of.emplace(observed[j], lights[j]).first->second; light != lights[j])
+      throw InputError("observed: " + observed[j].string() + " is given for " + light.string() + " and for " +
+                       lights[j].string() + "; give each photograph once");
     session.frames.push_back(
         {lights[j].stem().string(), FrameRole::train, "", lights[j], observed[j], static_cast<double>(j)});
+  }
   return session;
 }
 

@@ -207,8 +207,9 @@ void bind_session(py::module_& module) {
            [](const Session& session, std::size_t i) {
              require_frame(session, i);
              const SessionFrame frame = session.frame(i);
-             return py::make_tuple(frame.name, std::string(name_of(frame.role)), frame.kind, frame.light,
-                                   frame.observed);
+             // Names of files may not be UTF-8, which paths survive.
+             return py::make_tuple(py::str(py::cast(fs::path(frame.name))), std::string(name_of(frame.role)),
+                                   frame.kind, frame.light, frame.observed);
            })
       .def("light",
            [](const Session& session, std::size_t i) {

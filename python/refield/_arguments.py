@@ -142,7 +142,10 @@ def floats(array: npt.ArrayLike, name: str) -> Array:
         return np.ascontiguousarray(given)
     if given.dtype.kind == "f":
         with np.errstate(over="ignore"):  # infinite values are refused by name
-            return given.astype(np.float32)
+            rounded = given.astype(np.float32)
+        if given.dtype.itemsize > 4 and given.any() and not rounded.any():
+            raise InputError(f"{name}: its values are too small for float32; scale them to values around 1")
+        return rounded
     if given.dtype.newbyteorder("=") in (np.dtype(np.uint16), np.dtype(np.uint8)):
         return np.multiply(given, np.float32(1.0 / np.iinfo(given.dtype).max), dtype=np.float32)
     raise InputError(f"{name}: has the type {given.dtype}; give float32, float16, float64, uint16 or uint8")
@@ -157,14 +160,17 @@ def light_for(out: Optional[Array], light: npt.ArrayLike) -> Array:
 
 
 def pixels(mask: Any, shape: Sequence[int]) -> npt.NDArray[np.bool_]:
-    """A mask of images [..., height, width, 3]."""
+    """A mask of images [..., height, width, 3]: true, or above one half as in files; whole numbers are 0 and 1, or 0 and the
+    largest of their type."""
     given = np.asarray(mask)
     if given.dtype.kind not in "biuf" or given.shape != tuple(shape[-3:-1]):
         wanted = "×".join(map(str, shape[-3:-1]))
         raise InputError(f"mask: is {given.dtype} of shape {given.shape}; give booleans or numbers of height×width {wanted}")
     if given.dtype.kind == "f" and np.isnan(given).any():
         raise InputError("mask: holds NaN; give 0 for pixels that do not count and 1 for those that do")
-    result: npt.NDArray[np.bool_] = given != 0
+    if given.dtype.kind in "iu" and given.size and given.max() > 1 and not np.isin(given, (0, np.iinfo(given.dtype).max)).all():
+        raise InputError(f"mask: holds whole numbers such as {given[given > 1].min()}; give booleans, for example mask > 127")
+    result: npt.NDArray[np.bool_] = given > 0.5
     if not result.any():
-        raise InputError("mask: is 0 everywhere, so that no pixel counts; give 1 for those that do")
+        raise InputError("mask: is nowhere above one half, so that no pixel counts; give 1 for those that do")
     return result

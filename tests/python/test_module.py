@@ -87,6 +87,8 @@ def test_sigma_and_mask(arrays):
     mask = np.zeros(observed.shape[1:3], dtype=bool)
     mask[4:9, 5:15] = True
     field = refield.estimate(light, observed, sigma, mask)
+    for other in (0.4 + 0.2 * mask, mask.astype(int), np.uint8(255) * mask, -2.0 + 3.0 * mask):
+        assert refield.compare(observed * 1.1 ** ~mask[..., None], observed, mask=other)[0].relative_rmse == 0.0
     assert field.kernels(0, 0) == [] and field.kernels(6, 5)
     wrong = observed.copy()
     wrong[3] = 7.0
@@ -254,7 +256,8 @@ WRONG_CALLS = {
     "every is 2.5": lambda a: a.session.held_out(2.5),
     "index is 'a'": lambda a: a.session["a"],
     "mask: holds NaN": lambda a: refield.estimate(a.light, a.observed, mask=np.full((18, 24), np.nan)),
-    "mask: is 0 everywhere": lambda a: refield.estimate(a.light, a.observed, mask=np.zeros((18, 24))),
+    "mask: is nowhere above one half": lambda a: refield.estimate(a.light, a.observed, mask=np.full((18, 24), 0.4)),
+    "whole numbers such as 90": lambda a: refield.estimate(a.light, a.observed, mask=np.full((18, 24), 90, np.uint8)),
     "height×width 18×24": lambda a: refield.compare(a.observed, a.observed, mask=np.ones(18 * 24)),
     r"observed\[0\]: has a sample that is not finite": lambda a: refield.compare(a.observed, a.observed * np.nan),
     "max_kernels is 2.5": lambda a: refield.estimate(a.light, a.observed, max_kernels=2.5),
