@@ -461,13 +461,15 @@ ExposureAgreement compare_exposures(const BracketSamples& bracket, const Bracket
   const double clipped = clip_level_of(bracket, camera);
   ExposureAgreement agreement;
   double squares = 0.0, count = 0.0;
+  constexpr double other_light = 0.2;  // log; less is noise and flicker of a repeated exposure
   for (std::size_t i = 0; i + 1 < bracket.values.size(); ++i) {
-    if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
     const PairComparison pair = compare_pair(bracket, i, linear, clipped);
     if (pair.log_ratio.empty()) continue;
-    agreement.compared += pair.compared;
     const auto classes = static_cast<double>(pair.log_ratio.size());
     const double common = std::accumulate(pair.log_ratio.begin(), pair.log_ratio.end(), 0.0) / classes;
+    const bool is_repeated = bracket.seconds[i + 1] < another_exposure * bracket.seconds[i];
+    if (is_repeated && std::abs(common) < other_light) continue;
+    agreement.compared += pair.compared;
     for (const double ratio : pair.log_ratio) squares += (ratio - common) * (ratio - common);
     count += classes;
     if (std::abs(common) > std::abs(std::log(agreement.factor))) {

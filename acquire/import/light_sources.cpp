@@ -300,6 +300,14 @@ void read_table(LightStage& stage, const std::vector<ListLine>& lines, char sepa
   if (colours != 0 && colours != 3)
     refuse_line(stage.file, header.number,
                 "'" + header.text + "' has only some of the columns r, g and b; give all three or none");
+  std::string unused;
+  for (std::size_t c = 0; c < names.size(); ++c)
+    if (c != file && std::ranges::find(place, c) == place.end() &&
+        std::ranges::find(colour, c) == colour.end())
+      unused += (unused.empty() ? "'" : ", '") + names[c] + "'";
+  if (!unused.empty())
+    stage.notes.push_back("columns of " + stage.file.string() + " that are ignored: " + unused +
+                          "; intensities are the columns r, g and b");
   for (std::size_t i = 1; i < lines.size(); ++i) {
     const auto& [number, text] = lines[i];
     const auto fields = fields_of(text, separator);
