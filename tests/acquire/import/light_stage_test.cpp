@@ -158,6 +158,8 @@ TEST_F(LightList, NearSourcesFallWithTheSquareOfTheDistance) {
   EXPECT_THAT(message_of([&] { read_light_stage(list, Eigen::Vector3d(300.0, 0.0, 500.0)); }),
               HasSubstr("dome.csv:3: the light source 300 0 500 is at the position of the object"));
   EXPECT_THAT(read_light_stage(list).notes, Contains(HasSubstr("--object-at")));
+  EXPECT_THAT(read_light_stage(write("dome.csv", "file,x,y,z,intensity\na,0,0,1,2\n")).notes,
+              Contains(HasSubstr("that are ignored: 'intensity'; intensities are the columns r, g and b")));
 }
 
 TEST_F(LightList, WarnsOfMoreSourcesThanHaveAWeight) {
