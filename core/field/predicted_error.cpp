@@ -86,6 +86,9 @@ constexpr int reach_steps = 3;
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
+/// What the regression expects is not used beyond that many times the squared error that the images show:
+/// docs/method/progressive.md, light with few degrees of freedom.
+constexpr double far_beyond = 16.0;
 /// Noise is sought in this quantile of the leave-one-out errors, which by chance are that many standard
 /// deviations lower there.
 constexpr double best_share = 0.05, best_deviations = 1.645;
@@ -333,7 +336,8 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
       const double noise = photographs.of(evidence[p], has_signal ? signal[p] : 1.0f);
       if (has_noise_classes) quality.light_class[p] = light_class_of(noise);
       double misfit = std::max(predicted - noise, 0.0);
-      if (std::isfinite(evidence[p].expected)) {
+      // Rectangles may predict images that they were chosen without far better than light cells would.
+      if (evidence[p].expected < far_beyond * predicted) {
         misfit = evidence[p].expected;
         predicted = std::max(predicted, misfit);
       }

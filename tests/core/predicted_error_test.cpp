@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "core/field/reflectance_field.h"
 
@@ -55,6 +56,15 @@ TEST(PredictedError, CorrectsWhereTheLatticeSaysSo) {
   const auto predicted = field_with([](int x) { return x < 180 ? 1.0 : 9.0; });
   EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 5], 0.01, 2e-4);
   EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 355], std::sqrt(5e-4), 2e-4);
+}
+
+TEST(PredictedError, TheRegressionCountsUnlessImagesShowFarLess) {
+  auto predicted = field_with([](int) { return 1.0; });
+  for (const auto& [expected, error] : {std::pair(3e-4f, 3e-4), std::pair(1e-2f, 1e-4)}) {
+    for (ErrorEvidence& pixel : predicted.evidence) pixel.expected = expected;
+    predicted.predict();
+    EXPECT_NEAR(predicted.quality().predicted_error[15], std::sqrt(error), rounding);
+  }
 }
 
 TEST(PredictedError, NoiseIsWhatTheBestPixelsLeave) {
