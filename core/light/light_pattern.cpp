@@ -19,16 +19,17 @@ constexpr std::string_view pattern_letters =
 }
 
 std::string pattern_of(const Image& radiance) {
-  constexpr std::size_t parts = 4, places = 8;
-  constexpr double visible = 1e-5;  // part of the energy; of less contrast, 8 bits show nothing
+  constexpr std::size_t parts = 8, places = 4;  // two lights of one texel each are alike once in 2^24
+  constexpr double visible = 1e-5;              // part of the energy; of less contrast, 8 bits show nothing
   const auto texels = static_cast<double>(radiance.pixel_count());
   Eigen::Array3d mean = Eigen::Array3d::Zero();
   for (std::size_t i = 0; i < radiance.values.size(); ++i) mean[i % 3] += radiance.values[i] / texels;
   std::array<double, parts * places> sketch{};
   double energy = 0.0;
   for (std::size_t p = 0; p < radiance.pixel_count(); ++p) {
-    std::uint64_t random = Rng(p).next();
+    Rng rng(p);
     for (int c = 0; c < 3; ++c) {
+      std::uint64_t random = rng.next();
       const double value = radiance.values[3 * p + c] - mean[c];
       energy += value * value;
       for (std::size_t part = 0; part < parts; ++part, random >>= 4)

@@ -31,8 +31,8 @@ int confused(const std::vector<Image>& lights) {
 
 TEST(LightPattern, TellsSingleTexelsColoursAndPatternsOnAGroundApart) {
   std::vector<Image> texels, grounds, colours;
-  for (std::size_t p = 0; p < 24 * 16; ++p) {
-    texels.emplace_back(24, 16, 3);
+  for (std::size_t p = 0; p < 48 * 32; ++p) {
+    texels.emplace_back(48, 32, 3);
     for (int c = 0; c < 3; ++c) texels.back().values[3 * p + c] = 0.5f;
   }
   Rng rng(3);

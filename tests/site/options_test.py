@@ -12,9 +12,10 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9_-]*")
-# Of all commands; of the libraries that test and measure, sysctl, oiiotool, CMake, pip and venv.
+# Of all commands; of the libraries that test and measure, sysctl, oiiotool, CMake, pip and venv, Slurm and GNU parallel.
 FOREIGN = set("""--benchmark_filter --gtest_filter --system --create --fill --component --install --prefix
-    --no-build-isolation --system-site-packages --help --help-all --json --quiet --force""".split())
+    --no-build-isolation --system-site-packages --help --help-all --json --quiet --force
+    --account --mem --name --jobs --sshlogin""".split())
 
 
 def options_of_manual(folder):
