@@ -36,7 +36,8 @@ struct HeldOutError {
   std::string kind;
   std::size_t images = 0;
   /// Number of these images that the field was estimated from, by the names and patterns of light in its
-  /// provenance (in whatever encoding, at whatever brightness); nothing where it has none. Their errors are training errors.
+  /// provenance (in whatever encoding, at whatever brightness); nothing where it has none. Their errors are
+  /// training errors.
   std::optional<std::size_t> trained_on;
   double relative_rmse = 0.0;
   double median = 0.0;
