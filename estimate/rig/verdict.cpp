@@ -69,7 +69,7 @@ VerdictRow row_of(const RigFinding& finding) {
                  {},
                  {},
                  remedy_of(finding.effect, finding.state)};
-  if (finding.state != State::good) {
+  if (finding.residual_before != finding.residual_after) {
     row.residual_before = finding.residual_before;
     row.residual_after = finding.residual_after;
   }

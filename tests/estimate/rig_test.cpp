@@ -237,6 +237,19 @@ TEST(Rig, ColourMixingIsFoundAndUndone) {
   EXPECT_LT(finding(report, "colour").residual_after, finding(report, "colour").residual_before);
 }
 
+TEST(Rig, ColourMixingThatFewPhotographsCannotTellIsDoubtful) {
+  WavyCapture capture(24);
+  Rng rng(1);
+  for (auto& gain : capture.gain)
+    for (double& of : gain) of = 1.0 + 0.02 * rng.normal();
+  EXPECT_EQ(finding(capture.report(), "colour").state, RigFinding::State::good);
+  capture.mixing << 1, 0.05, 0.12, 0.15, 1, 0.02, 0.03, 0.1, 1;
+  const RigReport report = capture.report();
+  EXPECT_TRUE(report.model.is_identity()) << rig_text(report.model);
+  EXPECT_EQ(finding(report, "colour").state, RigFinding::State::suspicious);
+  EXPECT_THAT(finding(report, "colour").measured, HasSubstr("do not agree"));
+}
+
 /// Grey lights, and in the end one full-screen light of each primary.
 WavyCapture grey_capture_with_primaries() {
   WavyCapture capture(60);
