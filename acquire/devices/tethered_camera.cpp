@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <thread>
+
 #include "core/base/number_text.h"
 
 namespace refield {
