@@ -105,6 +105,9 @@ struct CaptureSummary {
 CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminator& illuminator,
                        Trigger* trigger, const RunContext& run = {});
 
+/// CRC-32 of a file, eight hexadecimal digits: how plan.toml names what it rests on.
+std::string checksum_of(const std::filesystem::path& file);
+
 /// Text of plan.toml: everything that decides the capture's content, with a checksum of every input file.
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
                               const CameraDescription& camera, const IlluminatorDescription& display);

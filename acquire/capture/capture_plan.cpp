@@ -30,10 +30,6 @@ constexpr const char* format_name = "refield capture plan";
 constexpr int format_version = 1;
 constexpr int max_ambient_count = 64;
 
-std::string checksum_of(const std::filesystem::path& file) {
-  return crc32_text(inspect_file(file.parent_path(), file.filename().string()).crc32);
-}
-
 template <class T>
 std::string_view bytes_of(const std::vector<T>& values) {
   return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
@@ -129,6 +125,10 @@ int CaptureRequest::ambient_count() const {
   const auto training = static_cast<int>(
       std::ranges::count(lights, FrameRole::train, [](const CaptureLight& light) { return light.role; }));
   return usual_ambient_count(training * frames_per_exposure);
+}
+
+std::string checksum_of(const std::filesystem::path& file) {
+  return crc32_text(inspect_file(file.parent_path(), file.filename().string()).crc32);
 }
 
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,

@@ -9,7 +9,6 @@
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
-#include "core/session/journal.h"
 
 namespace refield::cli {
 
@@ -78,10 +77,6 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
   }
   add_reference();
   return result;
-}
-
-std::string checksum_text(const fs::path& file) {
-  return crc32_text(inspect_file(fs::path(), file.string()).crc32);
 }
 
 }  // namespace refield::cli

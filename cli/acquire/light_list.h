@@ -32,7 +32,4 @@ std::filesystem::path add_primaries_and_white(std::vector<CaptureLight>& lights,
 std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& lights, int every,
                                           std::filesystem::path reference);
 
-/// CRC-32 of a file, eight hexadecimal digits: how a plan names what it rests on.
-std::string checksum_text(const std::filesystem::path& file);
-
 }  // namespace refield::cli

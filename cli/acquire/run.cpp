@@ -92,14 +92,14 @@ TimingCalibration timing_of(const RigRecipe& rig) {
 }
 
 std::string text_of(const VirtualCameraOptions& camera, const Recipe& recipe) {
-  std::string text = "virtual rig: recipe " + checksum_text(recipe.path);
-  if (!recipe.base.empty()) text += ", base " + checksum_text(recipe.base);
+  std::string text = "virtual rig: recipe " + checksum_of(recipe.path);
+  if (!recipe.base.empty()) text += ", base " + checksum_of(recipe.base);
   if (camera.truth.empty()) {
     text += ", traced";
   } else {
-    text += ", transport " + checksum_text(camera.truth / transport_file_name);
+    text += ", transport " + checksum_of(camera.truth / transport_file_name);
     const fs::path ambient = camera.truth / ambient_file_name;
-    text += ", ambient " + (fs::exists(ambient) ? checksum_text(ambient) : std::string("none"));
+    text += ", ambient " + (fs::exists(ambient) ? checksum_of(ambient) : std::string("none"));
   }
   return text + ", seed " + std::to_string(recipe.seed);
 }

@@ -121,9 +121,8 @@ void read_profile(std::string_view icc, ImageFacts& facts) {
 }
 
 constexpr const char* levels_refusal =
-    "states levels of black and white that are not the full range (ReferenceBlackWhite, CS=ITU601); export "
-    "it "
-    "as RGB of the full range";
+    "states levels of black and white that are not the full range (ReferenceBlackWhite, CS=ITU601); "
+    "export it as RGB of the full range";
 constexpr const char* cmyk_refusal = "stores inks (CMYK), which are no light; export it as RGB";
 
 /// The first directory of a TIFF structure that begins at `base`, and its EXIF directory. Source: TIFF 6.0,
