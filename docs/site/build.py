@@ -35,21 +35,11 @@ GALLERY = [
       "--train 90 --quality 3",
       "refield estimate truth -o table-top.rfield", "refield export-web table-top.rfield -o page"],
      "gallery/page/index.html"),
-    ("The report on its error",
-     "One file with held-out photographs, predictions, charts and the kernels of single pixels: "
-     "[open the report](gallery/report.html), [how to read it](guide/report.md).",
-     ["refield compare table-top.rfield truth --truth truth -o report.html"], None),
-    ("A light stage: real photographs",
-     "96 photographs of a statuette, one light source each (DiLiGenT), become a field that any environment lights "
-     "([import](guide/import.md#domes-and-light-stages)). The photographs are not free to copy, so there is no picture here.",
-     ["git clone https://github.com/BelabdiMalak/Photometric_3D_Reconstruction cat",
-      "refield acquire import cat/data --light-sources cat/data/light_directions.txt --mask cat/data/mask.png -o cat-session",
-      "refield estimate cat-session -o cat.rfield",
-      "refield relight cat.rfield --env sunset.exr --rotate --frames 120 -o cat.mp4"], None),
-    ("A bar, a panorama", "A field of 1024×768 pixels from 180 simulated photographs: a sliding bar, a turning panorama.",
+    ("A bar, a panorama",
+     "A field of 1024×768 pixels from 180 simulated photographs under a sliding bar and a turning panorama.",
      ["bench/studies/pictures.py fields OUT --env sunset.exr", "bench/studies/pictures.py film OUT film.webp"], "images/film.webp"),
     ("Held-out light, enlarged",
-     "A mirror, a glass and a shadow: traced, the method of the paper, refield, and four times the differences of both.",
+     "A mirror, a glass and a shadow edge: traced, the method of the paper, refield, and four times their errors.",
      ["bench/studies/pictures.py crops OUT crops.jpg"], "images/crops.jpg"),
     ("A scanned mesh in its environment",
      "The bunny of the Stanford 3D Scanning Repository, from Debian's package libcgal-demo, under a panorama of blender-data (CC0).",
@@ -61,10 +51,6 @@ GALLERY = [
       "refield relight bunny.rfield --env sunset.exr --yaw 60 --show-environment --size 1024x768 -o bunny.png"], "images/bunny.jpg"),
     ("Moving objects and lights", "Objects, area lights and the camera move; the materials are glossy.",
      ["refield render datasets_synthetic/dynamic/room.toml -o room.mp4"], "images/dynamic-room.mp4"),
-    ("A day", "The scene lit by the sky beside the sun, through the window of the monitor.",
-     ["refield relight table-top.rfield --day --latitude 40 --yaw 90 --frames 60 --fps 15 -o day.mp4"], "gallery/day.mp4"),
-    ("A bar of light", "The experiment of the paper: a white bar moves over the monitor.",
-     ["refield relight table-top.rfield --bar 0.125 --frames 60 --fps 15 -o bar.mp4"], "gallery/bar.mp4"),
     ("Precomputed transport", "Meshes with soft and hard shadows and interreflection, from a moving camera during a day.",
      ["refield precompute datasets_synthetic/prt/small.toml -o small.rfield",
       "refield relight small.rfield --day --yaw 30 --turntable --frames 60 --fps 15 --size 640x480 -o turntable.mp4"],
@@ -76,6 +62,17 @@ GALLERY = [
      ["refield view bunny.rfield --light sunset.exr"], "images/viewer-mesh.jpg"),
     ("Viewer: a moving scene", "Objects and lights follow the mouse. [Dynamic scenes](guide/dynamic-scenes.md)",
      ["refield view datasets_synthetic/dynamic/room.toml"], "images/viewer-scene.jpg"),
+    ("The report on its error",
+     "One file with held-out photographs, predictions, charts and the kernels of single pixels: "
+     "[open the report](gallery/report.html), [how to read it](guide/report.md).",
+     ["refield compare table-top.rfield truth --truth truth -o report.html"], None),
+    ("A light stage: real photographs",
+     "96 photographs of a statuette, one light source each (DiLiGenT), become a field that any environment lights "
+     "([import](guide/import.md#domes-and-light-stages)). The photographs are not free to copy, so there is no picture here.",
+     ["git clone https://github.com/BelabdiMalak/Photometric_3D_Reconstruction cat",
+      "refield acquire import cat/data --light-sources cat/data/light_directions.txt --mask cat/data/mask.png -o cat-session",
+      "refield estimate cat-session -o cat.rfield",
+      "refield relight cat.rfield --env sunset.exr --rotate --frames 120 -o cat.mp4"], None),
 ]
 
 
@@ -177,17 +174,21 @@ def make_gallery(program, folder):
 
 
 def gallery_page():
-    lines = ["---", "hide: [navigation, toc]", "---", "", "# Gallery", "", "Pictures, films and pages that `refield` made, with the commands.", ""]
+    lines, in_grid = ["---", "hide: [navigation, toc]", "---", "", "# Gallery", "",
+                      "Pictures, films and pages that `refield` made, with the commands.", ""], False
     for title, text, commands, shown in GALLERY:
         live = shown and shown.endswith(".html")
+        code = ["```sh", *commands, "```", ""] if commands else []
+        if in_grid and (live or not shown):
+            lines, in_grid = [*lines, "</div>", ""], False
         if live or not shown:
             lines += [f"## {title}", "", text, ""]
             if live:
                 lines += [f'<iframe class="live" src="{shown}" title="{title}" loading="lazy"></iframe>', ""]
-            lines += ["```sh", *commands, "```", ""]
+            lines += code
             continue
-        if lines[-1] != "</figure>":
-            lines += ["## Pictures and films", "", '<div class="gallery" markdown>']
+        if not in_grid:
+            lines, in_grid = [*lines, "## Pictures and films", "", '<div class="gallery" markdown>'], True
         name = pathlib.PurePosixPath(shown)
         wide = ' class="wide"' if name.name in ("film.webp", "crops.jpg", "environments.jpg") else ""
         lines += [f'<figure markdown="1"{wide}>', ""]
@@ -195,10 +196,8 @@ def gallery_page():
             lines += [f'<video src="{shown}#t=1.7" aria-label="{title}" controls loop muted playsinline preload="metadata"></video>', ""]
         else:
             lines += [f"![{title}]({shown})", ""]
-        lines += [f'<figcaption markdown="1">', "", f"**{title}.** {text}", ""]
-        lines += ["```sh", *commands, "```", ""] if commands else []
-        lines += ["</figcaption>", "", "</figure>"]
-    return "\n".join(lines + ["</div>", ""])
+        lines += [f'<figcaption markdown="1">', "", f"**{title}.** {text}", "", *code, "</figcaption>", "", "</figure>"]
+    return "\n".join(lines + [""])
 
 
 # ---- C++
@@ -275,7 +274,7 @@ def cpp_pages(sources, work):
             members = [m for s in compound.findall("sectiondef") if s.get("kind", "").startswith("public") for m in s.findall("memberdef")]
             if not text and not any(described(m) for m in members):
                 continue
-            lines = [f"### {kind} {name}", "", text, ""]
+            lines = [f"## {kind} {name}", "", text, ""]
             for member in members:
                 if member.get("kind") == "friend" or member.findtext("name").startswith("operator"):
                     continue
@@ -286,7 +285,7 @@ def cpp_pages(sources, work):
                 place = member.find("location")
                 if not described(member) or member.get("kind") not in ("function", "enum", "typedef", "variable"):
                     continue
-                lines = [f"### {member.findtext('name')}", "", "```cpp", declaration(member), "```", "", described(member), ""]
+                lines = [f"## {member.findtext('name')}", "", "```cpp", declaration(member), "```", "", described(member), ""]
                 by_file.setdefault(place.get("file"), []).append((int(place.get("line")), "\n".join(lines)))
     navigation = []
     index = ["# C++ library", "", "The public headers. [The library in memory](../../guide/library.md) shows their use and how CMake finds them.", ""]
