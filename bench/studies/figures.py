@@ -118,6 +118,9 @@ def demo(use):
         values[mode] = errors_of(compared)
         if mode == "refined":
             values["percent"] = [f"{100 * float(value):.1f}" for value in values[mode][:2]]
+    ratios = [float(paper) / float(refined) for paper, refined in zip(values["paper"], values["refined"])]
+    values["times_smaller"] = [f"{value:.1f}" for value in (min(ratios[::2]), max(ratios[::2]))]
+    values["percent_smaller"] = [f"{100 - 100 / value:.0f}" for value in (min(ratios[1::2]), max(ratios[1::2]))]
     return values
 
 
