@@ -245,9 +245,10 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_option("session", arguments.capture.session,
                   "Capture session (folder), as written by 'refield acquire' or 'refield simulate'");
   add_capture_options(verb, arguments.capture);
-  verb.add_option("--mode", arguments.mode,
-                  "Mode: refined (smooth hat functions plus a few boxes), paper (the method "
-                  "published in 2004) or fast (even splits as in paper mode, with a faster search)")
+  verb.add_option(
+          "--mode", arguments.mode,
+          "Mode: refined (a smooth component plus rectangular light regions), paper (Matusik et al. 2004: "
+          "light regions only) or fast (as paper, with a faster search)")
       ->capture_default_str();
   add_placement_option(
       verb, arguments.placements,

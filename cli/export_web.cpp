@@ -147,9 +147,10 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                    "offers. If the field was "
                    "captured with a monitor, it is shown through the window of the monitor");
   add_placement_option(*verb, options->placements, "Replaces that of the field.");
-  verb->add_option("--finest", options->finest,
-                   "Of a field too large for one picture of a page, the finest pixels to export: 1 of N×N;\n"
-                   "1 is all of them, about half the bytes of the field")
+  verb->add_option(
+          "--finest", options->finest,
+          "Export one of N×N pixels of a field that is too large for one picture of the page; 1 exports "
+          "all, about half the bytes of the field")
       ->check(positive_number())
       ->capture_default_str();
   verb->callback(

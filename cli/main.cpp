@@ -157,7 +157,8 @@ void add_verbs(CLI::App& app, const refield::cli::Common& common, refield::cli::
 /// The command line of all verbs; parsing it sets `common` and `action`.
 std::unique_ptr<CLI::App> command_line(refield::cli::Common& common, refield::cli::Action& action) {
   auto whole = std::make_unique<CLI::App>(
-      "refield estimates the reflectance field of a scene and renders the scene under new illumination.\n"
+      "refield relights photographed scenes. From photographs under known light patterns it estimates a "
+      "reflectance field, the response of each pixel to light, and renders the scene under new light.\n"
       "\n"
       "Typical sequence:\n"
       "  refield simulate RECIPE.toml -o truth                           create a synthetic scene\n"
@@ -178,11 +179,11 @@ std::unique_ptr<CLI::App> command_line(refield::cli::Common& common, refield::cl
   add_verbs(app, common, action);
   // After the verbs, which would inherit it.
   app.footer(
-      "'refield COMMAND --help' explains a command and its options, --help-all lists all of them.\n"
+      "'refield COMMAND --help' explains a command and its options, --help-all lists all of them. "
+      "docs/guide/tutorial.md leads through a first capture.\n"
       "\n"
       "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
-      "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error; 128 + N terminated by "
-      "signal N.");
+      "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error.");
   refield::cli::require_finite_numbers(app);
   return whole;
 }

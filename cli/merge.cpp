@@ -51,7 +51,7 @@ void add_merge(CLI::App& app, const Common& common, Action& action) {
   const auto arguments = std::make_shared<MergeArguments>();
   CLI::App* verb = app.add_subcommand(
       "merge",
-      "Merge shards of a field estimated with --rows into one reflectance field.\n"
+      "Merge the shards of a reflectance field, each estimated with --rows, into one file.\n"
       "\n"
       "The result equals the field of a single run over all rows, byte for byte. The shards may be estimated "
       "at the same time and on different machines.\n"

@@ -652,14 +652,14 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
       "guide",
       "Lead through a capture, from the choice of the camera to the first relit picture.\n"
       "\n"
-      "Asks for one thing after the other in a terminal and runs the other commands, which it shows: live "
-      "image, exposure and room light, calibration, patterns, capture, estimate, relighting. 'refield "
-      "acquire' without a verb does the same. Answers that options give are not asked for. The rig file that "
-      "results works with 'refield acquire run'. After an interruption the same command continues.\n"
+      "Asks step by step, in a terminal, and prints and runs the other commands: live image, exposure and "
+      "room light, calibration, patterns, capture, estimate, relighting. Options give answers in advance. "
+      "The answers are kept in a rig file, with which 'refield acquire run' captures again without "
+      "questions. After an interruption the same command continues.\n"
       "\n"
       "Examples:\n"
-      "  refield acquire guide                                    # asks\n"
-      "  refield acquire guide mug --camera gphoto: --patterns 60 # asks for the rest\n"
+      "  refield acquire guide mug\n"
+      "  refield acquire guide mug --camera gphoto: --patterns 60\n"
       "  refield acquire guide rehearsal --camera virtual:recipe.toml --truth truth --yes");
   verb->add_option("folder", options->folder, "Folder for the rig file and all results")
       ->capture_default_str();
@@ -681,8 +681,7 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
   verb->add_option("--patterns", options->patterns,
                    "Number of patterns of the starter set, held-out ones included (default: 180)");
   add_until_error_option(*verb, options->until_error);
-  verb->add_flag("--yes", options->yes,
-                 "Ask nothing: accept the default of every answer that no option gives");
+  verb->add_flag("--yes", options->yes, "Ask nothing: accept the default answer where no option gives one");
   verb->callback([options, &common, &action] { action = [options, &common] { guide(*options, common); }; });
   group.require_subcommand(0, 1);
   group.callback([&group, &common, &action] {
@@ -698,7 +697,8 @@ void add_acquire(CLI::App& app, const Common& common, Action& action) {
       "acquire",
       "Photograph a scene under many light patterns as a capture session.\n"
       "\n"
-      "Without a verb, in a terminal, it leads through a capture as 'refield acquire guide' does.\n"
+      "Without a command, in a terminal, it does the same as 'refield acquire guide', which asks step by "
+      "step.\n"
       "\n"
       "Photographs are HDR images with the ambient light subtracted. An interrupted capture continues with "
       "the same command and --resume; the resulting session is identical, byte for byte. "

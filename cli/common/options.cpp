@@ -109,8 +109,9 @@ class HelpFormatter : public CLI::Formatter {
         hidden += options.size();
     }
     help += verbs_of(*app);
-    const std::string more =
-        hidden > 0 ? "; --help-all lists " + std::to_string(hidden) + " further options" : "";
+    const std::string more = hidden > 0 ? "; --help-all lists " + std::to_string(hidden) +
+                                              (hidden == 1 ? " further option" : " further options")
+                                        : "";
     const CLI::App* program = app;
     while (program->get_parent() != nullptr) program = program->get_parent();
     if (program != app && program->get_option_no_throw("--force") != nullptr)  // not in refield-studies
@@ -410,8 +411,8 @@ CLI::Option* add_saturation_option(CLI::App& verb, std::optional<double>& satura
 CLI::Option* add_max_noise_option(CLI::App& verb, std::string& share) {
   return verb.add_option(
       "--max-noise", share,
-      "Take as few exposures as keep the noise of each sample below this share of its radiance, "
-      "such as 2%");
+      "Take the minimum number of exposures that keep the noise of each sample below this fraction of its "
+      "radiance, such as 2%");
 }
 
 CLI::Option* add_until_error_option(CLI::App& verb, std::string& share) {
@@ -444,10 +445,9 @@ void add_mask_option(CLI::App& verb, std::string& mask) {
 }
 
 void add_hold_out_option(CLI::App& verb, int& hold_out) {
-  verb.add_option(
-          "--hold-out", hold_out,
-          "Hold out every N-th photograph: not estimated from, but predicted and compared (default: those "
-          "that the session or the field holds out)")
+  verb.add_option("--hold-out", hold_out,
+                  "Hold out every N-th photograph: the estimate does not use it, and it is compared with its "
+                  "prediction (default: those that the session or the field holds out)")
       ->type_name("N");
 }
 
