@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""options_test.py MANUAL: every option that the documentation names exists.
+"""options_test.py MANUAL: every option that the documentation names exists, and every key of a rig file that the guide shows.
 
 MANUAL is the folder of the built man pages; the options of refield-studies are those of its sources. In a command, as a line of code or
 between backquotes, an option must be one of that command; elsewhere, of any.
@@ -62,6 +62,25 @@ def faults_of(name, text, options):
                     yield f"{name}: '{command}' has no option {option}: {line}"
 
 
+def keys_of(lines):
+    """(section, key) of rig files, also in comments."""
+    section = None
+    for line in lines:
+        header, key = re.match(r"(?:# )?\[(\w+)\]", line), re.match(r"(?:# )?(\w+) = ", line)
+        if header or not line:
+            section = header and header[1]
+        elif key and section:
+            yield section, key[1]
+
+
+def key_faults_of(name, text, known):
+    """The sections that the file of 'refield acquire devices -o' has; those of scenes share names, but stand on other pages."""
+    code = [line[4:] if line.startswith("    ") else "" for line in text.splitlines()]
+    for section, key in keys_of(code):
+        if section in {section for section, _ in known} - {"controls"} and (section, key) not in known:
+            yield f"{name}: rig files have no key {key} in [{section}]"
+
+
 def main():
     manual = pathlib.Path(sys.argv[1])
     options = options_of_manual(manual) | options_of_studies() | options_of_scripts()
@@ -70,6 +89,12 @@ def main():
     assert list(faults_of("self-test", "    refield relight --no-such", options)), "the test finds nothing"
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
     faults = [fault for page in pages for fault in faults_of(page.relative_to(ROOT), page.read_text(), options)]
+    source = (ROOT / "cli/acquire/session_rig.cpp").read_text().partition("before_camera =")[2]
+    template = "".join(re.findall(r'R"\((.*?)\)"', source, re.DOTALL))
+    keys = {*keys_of(template.splitlines()), ("camera", "device"), ("camera", "trigger")}
+    assert list(key_faults_of("self-test", "    [camera]\n    # window = 1", keys)), "the test finds no keys"
+    for page in [*ROOT.glob("docs/guide/*.md"), ROOT / "docs/reference/devices.md"]:
+        faults += key_faults_of(page.relative_to(ROOT), page.read_text(), keys)
     print("\n".join(faults) or f"{len(pages)} pages")
     return bool(faults)
 
