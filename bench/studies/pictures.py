@@ -10,10 +10,11 @@
     bench/studies/pictures.py screens OUT docs/images --mesh MESH.rfield --env MAP   # viewer and web page, in Xvfb and Chromium
 
 `fields` traces the scene with least noise (--quality 3), estimates a field in both modes from 180 designed patterns, and relights
-it: a white bar that slides and the environment map MAP that turns (frames in OUT/bar and OUT/turn); and two held-out lights,
-from which `crops` shows the traced picture, the paper's method, the default mode and the differences of both. The film's map is
-sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the first with the mean of
-the others: in total, and what remains of the difference after subtraction of its mean over 5×5 pixels, which is the grain.
+it: a white bar that slides, the environment map MAP that turns, and a day behind haze (frames in OUT/bar, OUT/turn and OUT/day);
+and two held-out lights, from which `crops` shows the traced picture, the paper's method, the default mode and the differences of
+both. The film's map is sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the
+first with the mean of the others, in pixels that are not black: in total, and what remains of the difference after subtraction of
+its mean over 5×5 pixels, which is the grain.
 Needs numpy and the Python module of OpenImageIO; `screens` also xvfb, chromium and chromium-driver.
 """
 import argparse
@@ -30,8 +31,10 @@ import OpenImageIO as oiio
 
 RECIPE = pathlib.Path(__file__).resolve().parents[2] / "datasets_synthetic/tabletop/recipe.toml"
 MODES = ("paper", "refined")
-# Centre as a part of width and height; name of the held-out light's kind.
-CROPS = {"mirror": (0.165, 0.625, "natural"), "glass": (0.625, 0.70, "natural"), "shadow": (0.385, 0.76, "bar")}
+PARTS = ("bar", "turn", "day")
+# Centre as a part of width and height, magnification, and the kind of the held-out light.
+CROPS = {"mirror": (0.205, 0.620, 3, "natural"), "glass": (0.625, 0.704, 2, "natural"), "shadow edge": (0.445, 0.706, 4, "bar")}
+TILE = (288, 384)
 
 
 def read_image(path):
@@ -48,25 +51,52 @@ def held_out(truth):
     return frames
 
 
+def write_image(path, pixels, type=oiio.HALF):
+    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, type))
+    buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(pixels, numpy.float32))
+    if type == oiio.UINT8:
+        buffer.specmod().attribute("compression", "jpeg:85")
+    buffer.write(str(path))
+
+
+def day_light(hour, width=128, height=96):
+    """What the monitor shows at `hour`, 0 at sunrise to 1 at sunset: a sky, and the sun behind haze. Its disc of half a degree
+    would be one texel; haze spreads it over a fifth of the width, which 180 patterns resolve and in which no grain is seen."""
+    y, x = numpy.mgrid[0:height, 0:width] + 0.5
+    elevation = math.sin(math.pi * hour)
+    sun_x, sun_y = width * (0.04 + 0.92 * hour), height * (0.92 - 0.80 * elevation)
+    distance2 = (x - sun_x) ** 2 + (y - sun_y) ** 2
+    path = 1 / (elevation + 0.12)  # through the air, in units of the zenith's
+    sun = numpy.exp(-numpy.array([0.06, 0.16, 0.34]) * path)
+    horizon = (y / height)[..., None]
+    sky = (0.25 + elevation) * ((1 - horizon) * numpy.array([0.08, 0.14, 0.28]) + horizon * (0.06 + 0.16 * sun))
+    haze = sum(share * numpy.exp(-0.5 * distance2 / (sigma * width) ** 2) for share, sigma in ((3.0, 0.086), (0.3, 0.234)))
+    return sky + haze[..., None] * sun
+
+
 def fields(arguments):
     def refield(*words):
         subprocess.run([arguments.program, *map(str, words)], check=True)
 
     out, truth = arguments.out, arguments.out / "truth"
     refield("simulate", RECIPE, "--size", arguments.size, "--quality", 3, "--transport", "never", "--half", "-o", truth)
-    for mode in MODES:
+    refined, sky = out / "refined.rfield", out / "day-light"
+    sky.mkdir(exist_ok=True)
+    for frame in range(48):
+        write_image(sky / f"{frame:04}.exr", day_light(frame / 47))
+    for mode in reversed(MODES):
         refield("estimate", truth, "--mode", mode, "-o", out / f"{mode}.rfield")
         for kind in ("natural", "bar"):
             refield("relight", out / f"{mode}.rfield", "--light", truth / held_out(truth)[kind]["illumination"],
                     "-o", out / f"{mode}-{kind}.exr")
-    refined = out / "refined.rfield"
-    refield("relight", refined, "--bar", 0.125, "--frames", 30, "--format", "png", "-o", out / "bar")
-    refield("relight", refined, "--env", arguments.env, "--rotate", "--frames", 48, "--exposure", 8, "--format", "png",
-            "-o", out / "turn")
+    lights = {"bar": ["--bar", 0.125, "--frames", 30], "turn": ["--env", arguments.env, "--rotate", "--frames", 48, "--exposure", 8],
+              "day": ["--light", sky, "--exposure", 20]}
+    for part in PARTS:
+        refield("relight", refined, *lights[part], "--format", "png", "-o", out / part)
 
 
 def film(arguments):
-    frames = [frame for part in ("bar", "turn") for frame in sorted((arguments.out / part).glob("*.*"))]
+    frames = [frame for part in PARTS for frame in sorted((arguments.out / part).glob("*.*"))]
     listing = arguments.out / "film.txt"
     listing.write_text("".join(f"file '{frame.resolve()}'\nduration 0.0833333\n" for frame in frames))
     subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "concat", "-safe", "0", "-i", listing, "-vf", "fps=12", "-loop", "0",
@@ -81,23 +111,31 @@ def display(pixels, exposure):
 def crops(arguments):
     out, columns = arguments.out, []
     frames = held_out(out / "truth")
-    for x, y, kind in CROPS.values():
-        reference = read_image(out / "truth" / frames[kind]["observed"])
-        relit = [read_image(out / f"{mode}-{kind}.exr") for mode in MODES]
-        height, width = reference.shape[:2]
-        half_width, half_height = width // 12, height // 12
-        centre = (round(y * height), round(x * width))
-        window = numpy.s_[centre[0] - half_height:centre[0] + half_height, centre[1] - half_width:centre[1] + half_width]
-        exposure = 0.9 / numpy.percentile(reference[window].max(axis=2), 98)
-        pictures = [reference, *relit, *(4 * numpy.abs(picture - reference) for picture in relit)]
-        tiles = [numpy.kron(display(picture[window], exposure), numpy.ones((2, 2, 1))) for picture in pictures]
-        gap = numpy.ones((8, tiles[0].shape[1], 3))
-        columns.append(numpy.vstack([part for tile in tiles for part in (tile, gap)][:-1]))
-    gap = numpy.ones((columns[0].shape[0], 8, 3))
-    sheet = numpy.hstack([part for column in columns for part in (column, gap)][:-1])
-    buffer = oiio.ImageBuf(oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8))
-    buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(sheet, numpy.float32))
-    buffer.write(str(arguments.picture))
+    for x, y, zoom, kind in CROPS.values():
+        pictures = [read_image(path) for path in (out / "truth" / frames[kind]["observed"], *(out / f"{mode}-{kind}.exr" for mode in MODES))]
+        (rows, columns_of_tile), (height, width) = (size // zoom for size in TILE), pictures[0].shape[:2]
+        top, left = round(y * height) - rows // 2, round(x * width) - columns_of_tile // 2
+        columns.append([picture[top:top + rows, left:left + columns_of_tile] for picture in pictures])
+    write_image(arguments.picture, sheet(columns), oiio.UINT8)
+
+
+def sheet(columns):
+    """Of each place the reference and the pictures of both modes, enlarged, and four times their errors."""
+    names = ("traced", "paper", "refield", "4 times the error of the paper", "4 times the error of refield")
+    sheets = []
+    for reference, *relit in columns:
+        exposure = 0.9 / numpy.percentile(reference.max(axis=2), 95)
+        zoom = TILE[1] // reference.shape[1]
+        tiles = [display(picture, exposure) for picture in (reference, *relit, *(4 * numpy.abs(picture - reference) for picture in relit))]
+        tiles = [numpy.kron(tile, numpy.ones((zoom, zoom, 1))) for tile in tiles]
+        sheets.append(numpy.pad(numpy.vstack([numpy.pad(tile, ((48, 0), (0, 0), (0, 0)), constant_values=1) for tile in tiles]),
+                                ((0, 0), (0, 8), (0, 0)), constant_values=1))
+    pixels = numpy.hstack(sheets)[:, :-8]
+    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.FLOAT))
+    buffer.set_pixels(oiio.ROI(), numpy.ascontiguousarray(pixels, numpy.float32))
+    for row, name in enumerate(names):
+        oiio.ImageBufAlgo.render_text(buffer, 4, row * (TILE[0] + 48) + 36, name, 34, "DejaVuSans", (0, 0, 0))
+    return buffer.get_pixels(oiio.FLOAT)
 
 
 def box_mean(pixels, radius=2):
@@ -121,7 +159,10 @@ def grain(arguments):
         subprocess.run([arguments.program, "--quiet", "simulate", recipe, "--size", arguments.size, "--quality", str(arguments.quality),
                         "--seed", str(2004 + seed), "--light-size", "32x24", "--train", "1", "--test", "1,1,0", "--transport", "always", "--force", "-o", truth],
                        check=True)
-        lights = lights or {kind: truth / frame["illumination"] for kind, frame in held_out(truth).items() if kind != "black"}
+        if not lights:
+            write_image(arguments.out / "day.exr", day_light(0.25, 32, 24))
+            lights = {kind: truth / frame["illumination"] for kind, frame in held_out(truth).items() if kind in ("natural", "bar", "white")}
+            lights["day"] = arguments.out / "day.exr"
         for kind, light in lights.items():
             picture = truth / f"{kind}.exr"
             subprocess.run([arguments.program, "--quiet", "relight", truth / "transport.rfield", "--light", light, "--force", "-o", picture],
@@ -129,12 +170,15 @@ def grain(arguments):
             pictures.setdefault(kind, []).append(read_image(picture).astype(float))
     for kind, (first, *others) in pictures.items():
         reference = numpy.mean(others, axis=0)
-        difference = first - reference
-        rough = difference - box_mean(difference)
         level = numpy.sqrt((reference ** 2).mean(axis=2))
-        whole, median = ([numpy.sqrt((error ** 2).mean() / (reference ** 2).mean()) for error in (difference, rough)],
-                         [numpy.median(numpy.sqrt((error ** 2).mean(axis=2)) / numpy.maximum(level, 1e-9)) for error in (difference, rough)])
-        print(f"{kind:9} whole picture {whole[0]:.4f}, of it grain {whole[1]:.4f}; median pixel {median[0]:.4f}, of it grain {median[1]:.4f}")
+        lit = level > 0.01 * numpy.percentile(level, 99)
+        words = []
+        for error in (first - reference, (first - reference) - box_mean(first - reference)):
+            pixels = numpy.sqrt((error ** 2).mean(axis=2))[lit] / level[lit]
+            whole = numpy.sqrt((error ** 2).mean() / (reference ** 2).mean())
+            words.append(f"whole {whole:.4f}, median {numpy.median(pixels):.4f}, 90 % of the pixels below {numpy.percentile(pixels, 90):.4f}, "
+                         f"{100 * (pixels <= 0.01).mean():.0f} % of them within 0.01")
+        print(f"{kind:8} error: {words[0]}\n         grain: {words[1]}")
 
 
 # Picture -> file and commands (docs/guide/viewer.md#scripts); positions are of a field of 320×240 pixels, light 128×96.
