@@ -71,6 +71,7 @@ struct DngTags {
   /// Black level of each column, each row of the picture above the common one (BlackLevelDeltaH, V).
   std::array<std::vector<double>, 2> black_deltas;
   std::string colours;  ///< of the mosaic (CFAPattern, CFAPlaneColor), where any is not red, green or blue
+  bool has_unknown_delta = false;  ///< of another type than numbers
 };
 
 /// Called by LibRaw for each tag; `stream` is at its values.
@@ -99,6 +100,7 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
     // TIFF 6.0, section 2. The specification asks for SRATIONAL; LibRaw takes all of these.
     static constexpr std::array<std::size_t, 13> bytes_of_type = {0, 1, 0, 2, 4, 8, 0, 0, 2, 4, 8, 4, 8};
     const std::size_t bytes = type > 0 && type < 13 ? bytes_of_type[static_cast<std::size_t>(type)] : 0;
+    tags.has_unknown_delta = tags.has_unknown_delta || bytes == 0;
     const auto data = read(bytes * static_cast<std::size_t>(count));
     const auto bits = [&](std::size_t first, std::size_t size) {
       std::uint64_t value = 0;
@@ -151,6 +153,9 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   const std::size_t channels = frame.samples.size() / (static_cast<std::size_t>(frame.width) * frame.height);
   const bool has_colours = raw.imgdata.idata.filters != 0;
   const auto& [of_columns, of_rows] = tags.black_deltas;
+  if (tags.has_unknown_delta)
+    throw FormatError(path,
+                      "states black levels (BlackLevelDelta) of an unknown type; develop it to a linear 16-bit TIFF");
   for (const auto& [deltas, length] :
        {std::pair(&of_columns, frame.width), std::pair(&of_rows, frame.height)})
     if (!deltas->empty() && std::ssize(*deltas) != length)

@@ -211,6 +211,17 @@ void read_intensities(LightStage& stage, const fs::path& file) {
   }
 }
 
+/// The file of that name, in small letters or others, in the folder of `file`.
+fs::path beside(const fs::path& file, const std::string& name) {
+  if (fs::exists(file.parent_path() / name)) return file.parent_path() / name;
+  for (const fs::directory_entry& entry : fs::directory_iterator(fs::absolute(file).parent_path())) {
+    std::string other = entry.path().filename().string();
+    std::ranges::transform(other, other.begin(), [](unsigned char c) { return std::tolower(c); });
+    if (other == name) return file.parent_path() / entry.path().filename();
+  }
+  return file.parent_path() / name;
+}
+
 void read_directions(LightStage& stage, const std::vector<ListLine>& lines, DirectionReader& directions) {
   for (const auto& [number, text] : lines) {
     const auto words = words_of(text);
@@ -218,8 +229,8 @@ void read_directions(LightStage& stage, const std::vector<ListLine>& lines, Dire
       refuse_line(stage.file, number, "'" + text + "' is not a direction 'x y z'; correct the line");
     stage.sources.push_back({number, "", directions.read(number, words.data())});
   }
-  const fs::path names = stage.file.parent_path() / "filenames.txt";
-  const fs::path intensities = stage.file.parent_path() / "light_intensities.txt";
+  const fs::path names = beside(stage.file, "filenames.txt");
+  const fs::path intensities = beside(stage.file, "light_intensities.txt");
   if (fs::exists(names)) {
     const auto name_lines = lines_beside(stage, names);
     for (std::size_t i = 0; i < name_lines.size(); ++i)

@@ -145,6 +145,13 @@ std::string v0_2::text_of(const MonitorPlacement& monitor) {
 }
 
 Eigen::Matrix3d rotation_of(const EulerAngles& turn) {
+  constexpr double max_degrees = 1e6;
+  for (const auto& [name, angle] : {std::pair("yaw", turn.yaw), {"pitch", turn.pitch}, {"roll", turn.roll}})
+    if (!(std::abs(angle) <= max_degrees)) {
+      char text[96];
+      std::snprintf(text, sizeof text, "%s: is %g degrees; give an angle from -1e6 to 1e6", name, angle);
+      throw InputError(text);
+    }
   return (Eigen::AngleAxisd(radians_from_degrees(turn.yaw), Eigen::Vector3d::UnitY()) *
           Eigen::AngleAxisd(radians_from_degrees(turn.pitch), Eigen::Vector3d::UnitX()) *
           Eigen::AngleAxisd(radians_from_degrees(turn.roll), Eigen::Vector3d::UnitZ()))

@@ -113,6 +113,7 @@ std::optional<LightMap> EnvironmentProjector::as_it_stands(const LightMap& envir
                                                            const EulerAngles& turn) const {
   if (environment.parameterisation == Parameterisation::monitor)
     throw InputError("the light map of a monitor is not an environment map; give a lat-long or cube map");
+  rotation_of(turn);  // throws for angles that are none
   if (environment.domain() != target()) return std::nullopt;
   if (turn.is_none()) return environment;
   if (target().parameterisation == Parameterisation::lat_long &&

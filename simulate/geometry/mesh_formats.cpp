@@ -53,6 +53,12 @@ class Words {
   std::string_view rest_;
 };
 
+std::string lower_case(std::string_view word) {
+  std::string lower(word);
+  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return lower;
+}
+
 std::optional<double> number_in(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
   double value = 0.0;
@@ -288,6 +294,7 @@ class Ply {
     if (is_text_ ? !words_.next().empty() : rest_.find_first_not_of(blank) != std::string_view::npos)
       throw MeshFault("it holds more than its header promises; it is damaged");
     ImportedMesh mesh;
+    mesh.notes = notes_;
     if (!texture_.empty()) {
       ImportedMaterial& material = mesh.materials.emplace_back();
       material.is_of_the_file = 1;
@@ -323,7 +330,12 @@ class Ply {
     std::string_view type = line.next();
     const char count = type == "list" ? ply_type(line.next()) : '\0';
     if (count != 0) type = line.next();
-    elements_.back().properties.push_back({ply_type(type), count, ply_slot(line.next())});
+    const std::string name = lower_case(line.next());
+    const std::size_t slot = ply_slot(name);
+    elements_.back().properties.push_back({ply_type(type), count, slot});
+    const auto has = [&](std::string_view word) { return name.find(word) != std::string::npos; };
+    if (slot == ply_slots && (has("red") || has("rgb") || has("gray") || has("grey") || has("colo")))
+      notes_ += "its property '" + name + "' is ignored; name colours red, green and blue\n";
   }
 
   template <class Value>
@@ -430,7 +442,7 @@ class Ply {
   Words words_{{}};
   double room_ = 0.0;
   bool is_text_ = false, big_ = false;
-  std::string texture_;
+  std::string texture_, notes_;
   std::vector<PlyElement> elements_;
   Faces faces_;
   std::array<float, ply_slots + 1> value_{};
@@ -563,9 +575,7 @@ void read_mtl(const fs::path& file, const fs::path& path, Mtl& mtl, ImportedMesh
   };
   for_lines(content_of(file), true, [&](std::string_view line) {
     Words words(line);
-    std::string key(words.next());
-    std::ranges::transform(key, key.begin(),
-                           [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    const std::string key = lower_case(words.next());
     if (key == "newmtl") {
       close();
       material.emplace();
@@ -587,6 +597,7 @@ class Obj {
     Words words(line);
     const std::string_view key = words.next();
     if (key == "v") read_vertex(numbers_of(words));
+    if (key == "#MRGB") read_polypaint(words.rest());
     if (key == "vt" || key == "vn") {
       std::vector<double> values = numbers_of(words);
       values.resize(3);
@@ -612,6 +623,10 @@ class Obj {
       mesh_.notes +=
           "it has not all the materials that it names; parts without are white (reflectance 0.8)\n";
     for (std::uint32_t& material : faces_.materials) material = materials[material];
+    if (painted_ != 0 && painted_ != faces_.positions.size())
+      throw MeshFault("it has colours (#MRGB) of " + std::to_string(painted_) + " of its " +
+                      std::to_string(faces_.positions.size()) +
+                      " vertices; export it with the colours of all, or of none");
     if (is_coloured_)
       scale_colours(faces_.colours);
     else
@@ -638,6 +653,19 @@ class Obj {
     is_coloured_ = is_coloured_ || coloured;
     faces_.colours.push_back(coloured ? Eigen::Array3d(values[3], values[4], values[5]).cast<float>()
                                       : uncoloured());
+  }
+
+  /// ZBrush writes MMRRGGBB (mask and colour) in hexadecimal for each vertex, in comments.
+  void read_polypaint(std::string_view digits) {
+    constexpr std::size_t length = 8;
+    for (; digits.size() >= length && painted_ < faces_.colours.size(); digits.remove_prefix(length), ++painted_) {
+      std::uint32_t value = 0;
+      const auto [end, error] = std::from_chars(digits.data(), digits.data() + length, value, 16);
+      if (error != std::errc() || end != digits.data() + length) break;
+      faces_.colours[painted_] = Colour(value >> 16 & 255, value >> 8 & 255, value & 255) / 255.0f;
+    }
+    if (!digits.empty()) throw MeshFault("its colours (#MRGB) are not 8 hexadecimal digits for each vertex");
+    is_coloured_ = true;
   }
 
   void read_face(Words words) {
@@ -685,6 +713,7 @@ class Obj {
   Mtl mtl_;
   Faces faces_;
   std::vector<std::string> used_{""};  ///< names of materials, in the order of their use
+  std::size_t painted_ = 0;  ///< vertices
   bool is_coloured_ = false, lacks_ = false;
 };
 
@@ -774,7 +803,10 @@ void note_excess(ImportedMaterial& material) {
   const auto exceeds = [](float factor) { return !(factor >= 0.0f && factor <= 1.0f); };
   std::array<float, 3>& base = material.base_colour;
   // Exporters that let the texture say everything write black.
-  if (material.texture >= 0 && base == std::array{0.0f, 0.0f, 0.0f}) base = {1.0f, 1.0f, 1.0f};
+  if (material.texture >= 0 && base == std::array{0.0f, 0.0f, 0.0f}) {
+    base = {1.0f, 1.0f, 1.0f};
+    material.ignored |= ignored_black;
+  }
   if (std::ranges::any_of(base, exceeds) || std::ranges::any_of(material.specular, exceeds) ||
       exceeds(material.metallic) || exceeds(material.roughness))
     material.ignored |= ignored_excess;

@@ -21,6 +21,7 @@ enum IgnoredMaterialParts : std::uint32_t {
   ignored_texture = 16,  ///< by other coordinates than the first ones, or missing
   ignored_excess = 32,   ///< factors outside [0, 1], which are clamped
   ignored_back = 64,     ///< the other side of double-sided surfaces
+  ignored_black = 128,   ///< a factor of zero beside a texture
 };
 
 /// A material of a file in the terms of glTF 2.0 (metallic-roughness), and what is not read of it. Factors as

@@ -198,6 +198,10 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
              "coordinates; its parts are shown without it");
   if (ignored & ignored_excess)
     run.note(path.string() + ": its materials have factors outside [0, 1], which are clamped");
+  if (ignored & ignored_black)
+    run.note(path.string() +
+             ": its textures are shown as they are, though their materials multiply them by black (Kd, "
+             "baseColorFactor); remove the textures if the surfaces are black");
   if (ignored & ignored_back && is_open(mesh))
     run.note(path.string() +
              ": its double-sided surfaces are lit on one side, that of their normals; give those that are "

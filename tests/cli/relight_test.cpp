@@ -76,6 +76,8 @@ TEST_F(RelightVerb, TheDefaultExposureIsPrintedAndRepeatsThePicture) {
 }
 
 TEST_F(RelightVerb, NumbersThatAreNoneAreRefused) {
+  EXPECT_THAT(relight({"--yaw", "1e30", "--env", light_, "-o", folder_ / "a.png"}),
+              RefusedNaming("yaw", "from -1e6 to 1e6"));
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"--yaw", "nan"},
                                                     {"--pitch", "inf"},
                                                     {"--latitude", "NaN"},

@@ -84,7 +84,7 @@ def raw_cases():
             shown = stored if len(tags) == 2 else (stored - (rows[:, None] if stored.ndim == 2 else rows[:, None, None])).astype(np.uint16)
             yield case(f"{name}, {len(tags)} of BlackLevelDelta, order {order}", {"a.dng": dng(shown, order=order, tags=tags)}, truth, where=where)
     lower = columns - 10  # below the common level
-    for kind, order in itertools.product((3, 4, 5, 8, 9, 10, 11, 12), "<>"):
+    for kind, order in itertools.product((1, 3, 4, 5, 8, 9, 10, 11, 12), "<>"):
         shift = columns if kind < 6 else lower
         values = np.stack([4 * shift, np.full(64, 4)], -1).ravel() if kind in (5, 10) else shift
         yield case(f"RAW, BlackLevelDelta of type {kind}, order {order}",
@@ -92,6 +92,8 @@ def raw_cases():
                    truth, where=sites("rggb", light.shape[:2]))
     yield case("RAW, BlackLevelDelta of other columns", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: fractions(columns[:50])})},
                refused="BlackLevelDelta.*50 rows or columns.*64")
+    yield case("RAW, BlackLevelDelta of signed bytes", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: (6, lower)})},
+               refused="BlackLevelDelta. of an unknown type")
     yield case("RAW of staggered rows", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50711: (3, 6)})}, refused="staggered")
     for name, pattern, planes in (("CMY", (3, 4, 4, 5), (3, 4, 5)), ("GMCY", (1, 4, 3, 5), (1, 4, 3, 5)), ("RGBW", (0, 1, 6, 2), (0, 1, 2, 6)),
                                   ("RGB, planes of CMY", (0, 1, 1, 2), (3, 4, 5))):

@@ -123,6 +123,12 @@ def obj(end="\n", head=(), colours=None, w="", relative=False, lists=None, place
     return bom + end.join(lines + [""]).encode(encoding)
 
 
+def polypaint(colours=M["colours"], per_line=5):
+    """As ZBrush writes colours of vertices."""
+    words = ["ff" + "".join(f"{int(level):02x}" for level in colour) for colour in colours]
+    return ["#Auto scale", *("#MRGB " + "".join(words[i:i + per_line]) for i in range(0, len(words), per_line)), "# End of MRGB block"]
+
+
 def mtl(*lines):
     return "\n".join(["newmtl m", *lines, ""]).encode()
 

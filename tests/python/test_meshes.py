@@ -11,7 +11,7 @@ import mesh_files
 import numpy as np
 import pytest
 from mesh_files import (DRACO, M, STRIP_TRIANGLES, coloured, data_uri, draco, element, gltf, linear, mtl, obj, off, ply, png,
-                        strips, truth)
+                        polypaint, strips, truth)
 
 import refield
 
@@ -53,7 +53,7 @@ RED = {"images": [{"uri": data_uri(png(TRANSPARENT_RED), "image/png")}], "places
 
 
 def textured(info=None, image=RED_BLUE, **options):
-    return gltf(material=WHITE, places=options.pop("places", (M["places"], 5126)), texture_info={"index": 0, **(info or {})},
+    return gltf(material=options.pop("material", WHITE), places=options.pop("places", (M["places"], 5126)), texture_info={"index": 0, **(info or {})},
                 images=options.pop("images", [{"uri": data_uri(png(image), "image/png")}]), **options)
 
 
@@ -112,6 +112,7 @@ READ = [
     ("ply colours of 16 bits", as_m("ply", ply("binary_little_endian", colour="ushort", scale=257)), COLOURED, None),
     ("ply diffuse colours", as_m("ply", ply(colour="uchar", names=("diffuse_red", "diffuse_green", "diffuse_blue"))),
      COLOURED, None),
+    ("ply names of capitals", as_m("ply", ply(colour="uchar", names=("Red", "Green", "BLUE"))), COLOURED, None),
     ("ply colours of faces", as_m("ply", ply("binary_little_endian", face_colour="uchar")),
      truth(corner_colours=np.repeat(0.8 * linear(LEVELS / 255)[:, None], 3, 1)), None),
     ("off", as_m("off", off()), PLAIN, None),
@@ -140,6 +141,9 @@ READ = [
     ("obj coordinates", as_m("obj", obj(places=True, corner="{p}/{p}")), PLAIN, None),
     ("obj colours", as_m("obj", obj(colours=LEVELS / 255)), COLOURED, None),
     ("obj colours to 255", as_m("obj", obj(colours=LEVELS)), COLOURED, None),
+    ("obj colours of ZBrush", as_m("obj", obj(between=polypaint())), COLOURED, None),
+    ("obj dark colours of ZBrush", as_m("obj", obj(between=polypaint(LEVELS // 200))),
+     truth(reflectance=0.8 * linear(LEVELS // 200 / 255)), None),
     ("obj colours of some vertices", as_m("obj", obj(colours=[c if i % 2 else () for i, c in enumerate(LEVELS)])),
      truth(reflectance=0.8 * np.where(np.arange(12)[:, None] % 2, linear(LEVELS / 255), 1.0)), None),
     ("mtl Kd", with_mtl("Kd 0.1 0.2 0.3"), truth(reflectance=[0.1, 0.2, 0.3]), None),
@@ -201,6 +205,12 @@ READ = [
     ("gltf texture turned", textured(transform(rotation=np.pi / 2, scale=[1, 0.4])), material([1, 0, 0]), None),
 ]
 IGNORED = [
+    ("ply colours of other names", as_m("ply", ply(colour="uchar", names=("ambient_red", "ambient_green", "ambient_blue"))),
+     PLAIN, "property 'ambient_red' is ignored"),
+    ("mtl black beside a texture", with_mtl("Kd 0 0 0", "map_Kd m.png", files={"m.png": png(RED_BLUE)}),
+     truth(reflectance=HALVES), "multiply them by black"),
+    ("gltf black beside a texture", textured(material={"pbrMetallicRoughness": {"metallicFactor": 0, "baseColorFactor": [0, 0, 0, 1]}}),
+     material(HALVES), "multiply them by black"),
     ("ply texture missing", as_m("ply", ply(comment="comment TextureFile a.png")),
      truth(reflectance=1.0), "a texture of its materials is not in its folder"),
     ("off face colours of a colour map", as_m("off", off(face_colours=[[i] for i in range(12)])),
@@ -257,6 +267,8 @@ REFUSED = [
     ("off cut off", as_m("off", off()[:-12]), None, "cut off"),
     ("obj index out of range", as_m("obj", obj(lists=[[0, 1, 12]])),
      None, "names vertex 12 of 12|index is out of range"),
+    ("obj colours of ZBrush for others", as_m("obj", obj(between=polypaint()[:2])), None, "of 5 of its 12 vertices"),
+    ("obj colours of ZBrush cut off", as_m("obj", obj(between=["#MRGB ff1234"])), None, "8 hexadecimal digits"),
     ("obj index 0", as_m("obj", obj(lists=[[-1, 0, 1]])), None, "index is out of range"),
     ("obj UTF-16", as_m("obj", obj(bom=b"\xff\xfe", encoding="utf-16-le")), None, "UTF-16"),
     ("obj decimal commas", as_m("obj", obj(number=lambda v: str(v).replace(".", ","))),

@@ -63,8 +63,8 @@ TEST_F(LightList, NamesAndAxesOfAnRtiList) {
 }
 
 TEST_F(LightList, DirectionsWithNamesAndIntensities) {
-  write("filenames.txt", "001.png\n002.png\n");
-  write("light_intensities.txt", "1.5 2 2.5\n3\n");
+  write("Filenames.txt", "001.png\n002.png\n");  // in any letters
+  write("light_intensities.TXT", "1.5 2 2.5\n3\n");
   const LightStage stage = read_light_stage(write("light_directions.txt", "0 0.6 0.8\n-0.6 0 0.8\n"));
   ASSERT_EQ(stage.sources.size(), 2U);
   EXPECT_EQ(stage.sources[1].photograph, "002.png");
@@ -75,6 +75,7 @@ TEST_F(LightList, DirectionsWithNamesAndIntensities) {
   const double solid_angle = 2.0 * M_PI / 256.0 * M_PI / 128.0 * 0.8;  // of the direction (0, 0.6, 0.8)
   EXPECT_NEAR(solid_angle * map.at(stage.sources[0].column, stage.sources[0].row, 2), 2.5, 0.03);
   EXPECT_EQ(stage.sources[1].intensity, (std::array<float, 3>{3.0f, 3.0f, 3.0f}));
+  fs::remove(folder_ / "light_intensities.TXT");
   write("light_intensities.txt", "1.5 2 2.5\n0 1 1\n");
   EXPECT_THAT(message_of([&] { read_light_stage(folder_ / "light_directions.txt"); }),
               HasSubstr("light_intensities.txt:2: the intensity 0 is not positive"));
