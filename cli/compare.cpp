@@ -7,20 +7,11 @@
 #include <optional>
 #include <string>
 
-#include "cli/common/options.h"
-#include "cli/report/report.h"
-#include "cli/run_context.h"
-#include "cli/verbs.h"
-#include "core/base/errors.h"
-#include "core/base/output_lock.h"
-#include "core/field/drift.h"
-#include "core/field_io/reflectance_field_file.h"
-#include "core/image/image_io.h"
-#include "core/image/metrics.h"
-#include "core/session/capture_session.h"
-#include "estimate/rig/rig_model.h"
-#include "relight/held_out.h"
-#include "simulate/tabletop/simulate.h"
+#include "common/options.h"
+#include "refield/compare.h"
+#include "report/request.h"
+#include "run_context.h"
+#include "verbs.h"
 
 namespace refield::cli {
 
@@ -49,21 +40,6 @@ void print_prediction(const std::vector<HeldOutError>& errors) {
                 error.prediction->predicted_median);
 }
 
-/// Blackens pixels that do not count, and checks the others.
-void require_comparable(Photograph& photograph, const fs::path& path, const Mask& mask) {
-  Image& counted = photograph.radiance;
-  for (std::size_t p = 0; p < mask.size() && p < counted.pixel_count(); ++p)
-    if (!mask[p]) std::fill_n(counted.values.begin() + 3 * p, 3, 0.0f);
-  require_finite(counted, path.string(), true, "repair that pixel or exclude it with --mask");
-}
-
-Photograph read_for_comparison(const fs::path& path) {
-  // Integer formats carry no noise estimate; floats may.
-  const std::string extension = path.extension().string();
-  if (extension == ".exr") return read_photograph(path);
-  return {read_image(path), {}};
-}
-
 void compare_images(const CompareOptions& options, const Common& common) {
   if (!options.truth.empty())
     throw InputError("--truth requires a field and a session; remove it when comparing images");
@@ -71,35 +47,12 @@ void compare_images(const CompareOptions& options, const Common& common) {
     throw InputError(
         "--light, --observed and --hold-out require a field (.rfield); compare images with 'refield compare "
         "PREDICTED OBSERVED'");
-  std::optional<OutputLock> lock;
+  const CaptureOptions& files = options.capture;
+  std::shared_ptr<const void> reserved;
   if (!options.output.empty())
-    lock.emplace(options.output,
-                 std::vector<fs::path>{options.predicted, options.capture.session, options.capture.mask},
-                 ".exr");
-  const auto pairs = pair_files(options.predicted, options.capture.session, "prediction", "observed image");
-  const ImageHeader first = read_image_header(pairs.front().second);
-  const std::string& mask_file = options.capture.mask;
-  const Mask mask = mask_file.empty() ? Mask{} : read_mask(mask_file, first.width, first.height);
-  SeriesError series(mask);
-  std::vector<HeldOutImage> per_image;
-  Progress progress(run_context(), "compare", pairs.size());
-  for (const auto& [predicted_path, observed_path] : pairs) {
-    run_context().throw_if_stopped();
-    Photograph predicted = read_for_comparison(predicted_path);
-    Photograph observed = read_for_comparison(observed_path);
-    if (!predicted.radiance.same_shape(observed.radiance))
-      throw InputError(predicted_path.string() + ": is " + shape_text(predicted.radiance) + ", " +
-                       observed_path.string() + " is " + shape_text(observed.radiance) +
-                       "; the images must have the same size");
-    require_comparable(predicted, predicted_path, mask);
-    require_comparable(observed, observed_path, mask);
-    series.add(predicted.radiance, observed.radiance, observed.sigma);
-    per_image.push_back({predicted_path.filename().string(), observed_path,
-                         image_error(predicted.radiance, observed.radiance, mask, observed.sigma)});
-    progress.advance();
-  }
-  const HeldOutError error = error_of(series, std::move(per_image));
-  if (!options.output.empty()) write_exr(options.output, series.relative_rmse_map());
+    reserved = reserve_output(options.output, {options.predicted, files.session, files.mask}, ".exr");
+  const HeldOutError error = compare(options.predicted, files.session, files.mask, run_context());
+  if (!options.output.empty()) write_exr(options.output, error.map);
   if (common.json) {
     print_json(held_out_figures(error));
   } else {
@@ -121,21 +74,18 @@ std::array<int, 2> parse_pixel(const std::string& text) {
 
 /// The page of the fields, of which the first is the predicted one.
 void write_report(const CompareOptions& options, const Common& common) {
-  report::ReportRequest request;
-  request.fields = {options.predicted};
-  request.fields.insert(request.fields.end(), options.more_fields.begin(), options.more_fields.end());
-  request.truth = fs::is_regular_file(options.truth) ? options.truth.parent_path() : options.truth;
-  request.output = options.output;
-  for (const std::string& pixel : options.pixels) request.pixels.push_back(parse_pixel(pixel));
+  std::vector<fs::path> fields = {options.predicted};
+  fields.insert(fields.end(), options.more_fields.begin(), options.more_fields.end());
+  const fs::path truth = fs::is_regular_file(options.truth) ? options.truth.parent_path() : options.truth;
+  std::vector<std::array<int, 2>> pixels;
+  for (const std::string& pixel : options.pixels) pixels.push_back(parse_pixel(pixel));
   const CaptureOptions& capture = options.capture;
-  std::vector<fs::path> inputs = request.fields;
-  inputs.insert(inputs.end(),
-                {capture.session, capture.light, capture.observed, capture.mask, request.truth});
-  const OutputLock lock(request.output, inputs, ".html");
-  request.session = open_capture(capture);
-  request.find_held_out = capture.hold_out == 0;
-  auto figures = report::write_report(request, run_context());
-  const std::string path = request.output.string();
+  std::vector<fs::path> inputs = fields;
+  inputs.insert(inputs.end(), {capture.session, capture.light, capture.observed, capture.mask, truth});
+  const auto reserved = reserve_output(options.output, inputs, ".html");
+  auto figures =
+      report::write_report({open_capture(capture), fields, truth, pixels, options.output}, run_context());
+  const std::string path = options.output.string();
   if (common.json) {
     figures["report"] = path;
     print_json(figures);
@@ -149,19 +99,13 @@ void compare_field(const CompareOptions& options, const Common& common) {
   if (!options.output.empty())
     throw InputError("--output " + options.output.string() +
                      ": a field is compared in a page; give the name of a page (.html)");
-  CaptureSession session = open_capture(options.capture);
-  if (session.folder.empty()) check_image_sizes(session);
-  if (options.truth.empty()) remove_drift(session, run_context());
-  const ReflectanceField field = read_image_field(options.predicted, run_context());
-  find_held_out(options.capture, field, session);
-  correct_held_out(field.provenance, session);
-  std::optional<ReflectanceField> truth;
+  const Session session = open_capture(options.capture);
+  const Field field(options.predicted, run_context());
+  std::optional<Field> truth;
   if (!options.truth.empty())
-    truth = read_image_field(
-        fs::is_directory(options.truth) ? options.truth / transport_file_name : options.truth, run_context());
-  const auto errors = held_out_errors(field, session, truth ? &*truth : nullptr, FrameRole::test,
-                                      options.noise_scale, run_context());
-  if (const std::string warning = training_warning(errors); !warning.empty()) run_context().note(warning);
+    truth.emplace(fs::is_directory(options.truth) ? options.truth / "transport.rfield" : options.truth,
+                  run_context());
+  const auto errors = compare(field, session, truth ? &*truth : nullptr, options.noise_scale, run_context());
   if (common.json) {
     print_json(ordered_json{{"held_out", held_out_figures(errors)}});
     return;

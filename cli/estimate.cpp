@@ -20,6 +20,7 @@
 #include "core/image/image_io.h"
 #include "estimate/rig/rig_model.h"
 #include "estimate/rig/verdict.h"
+#include "relight/held_out.h"
 
 namespace refield::cli {
 
@@ -186,7 +187,7 @@ std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, Captur
 }
 
 void run(EstimateArguments arguments, const Common& common) {
-  const CaptureSession session = open_estimation(arguments);
+  const CaptureSession session = open_estimation(arguments).internal();
   if (!arguments.rows.empty())
     arguments.options.rows = rows_from_text(arguments.rows, session, arguments.options);
   if (arguments.dry_run) return dry_run(arguments, session, common);
@@ -284,7 +285,7 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
       ->group(further);
 }
 
-CaptureSession open_estimation(EstimationArguments& arguments) {
+Session open_estimation(EstimationArguments& arguments) {
   arguments.options.mode = estimate_mode_from_name(arguments.mode);
   if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
     throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
@@ -293,8 +294,8 @@ CaptureSession open_estimation(EstimationArguments& arguments) {
   arguments.options.keep_rig = arguments.options.keep_drift = arguments.rig == "off";
   if (arguments.rig != "off" && arguments.rig != "auto")
     arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.rig));
-  CaptureSession session = open_capture(arguments.capture);
-  if (!arguments.placements.empty()) session.monitors = placements_from_texts(arguments.placements);
+  Session session = open_capture(arguments.capture);
+  if (!arguments.placements.empty()) session.set_monitors(placements_from_texts(arguments.placements));
   return session;
 }
 

@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "cli/common/options.h"
-#include "core/session/capture_session.h"
 #include "estimate/options.h"
 
 namespace refield::cli {
@@ -29,6 +28,6 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments);
 CLI::Option* add_dry_run_flag(CLI::App& verb, bool& dry_run);
 
 /// Opens the input and completes arguments.options. Throws InputError.
-CaptureSession open_estimation(EstimationArguments& arguments);
+Session open_estimation(EstimationArguments& arguments);
 
 }  // namespace refield::cli

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include "core/base/run_context.h"
+#include "refield/run_context.h"
 
 namespace refield {
 

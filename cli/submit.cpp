@@ -219,7 +219,7 @@ void run_submit(SubmitArguments arguments, const Common& common) {
   // Only until the jobs are submitted; the one that merges takes the output then.
   const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
                         ".rfield");
-  const CaptureSession session = open_estimation(arguments);
+  const CaptureSession session = open_estimation(arguments).internal();
   const Plan plan = plan_shards(arguments, session);
   if (arguments.dry_run) {
     std::printf("nothing was submitted\n");

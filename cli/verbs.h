@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/base/errors.h"
+#include "refield/run_context.h"
 
 namespace refield::cli {
 

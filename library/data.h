@@ -4,6 +4,7 @@
 #include <mutex>
 #include <optional>
 #include <span>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -32,10 +33,12 @@ auto guarded(const RunContext& run, const Work& work) {
 
 /// A field in rows or packed; what is missing is made when it is first needed.
 struct v0_2::Field::Data {
-  explicit Data(ReflectanceField&& field)
-      : rows_(std::make_shared<const ReflectanceField>(std::move(field))) {}
-  explicit Data(PackedField&& field) : packed_(std::make_shared<const PackedField>(std::move(field))) {}
+  explicit Data(ReflectanceField&& field, std::string field_name = "the field")
+      : name(std::move(field_name)), rows_(std::make_shared<const ReflectanceField>(std::move(field))) {}
+  explicit Data(PackedField&& field, std::string field_name = "the field")
+      : name(std::move(field_name)), packed_(std::make_shared<const PackedField>(std::move(field))) {}
 
+  const std::string name;  ///< for messages: its file, where it has one
   const FieldOutline& outline() const { return packed_ ? packed_->outline : *rows_; }
   const PackedField* packed() const { return packed_.get(); }
   std::shared_ptr<const ReflectanceField> rows() const;

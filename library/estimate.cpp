@@ -8,6 +8,7 @@
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
 #include "core/field/drift.h"
+#include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/rig/rig_model.h"
 #include "library/data.h"
@@ -45,19 +46,69 @@ Field v0_2::estimate(const CaptureArrays& capture, const EstimateOptions& option
 
 // ---- comparison
 
+namespace {
+
+std::shared_ptr<const ReflectanceField> image_rows(const Field& field) {
+  if (field.has_mesh())
+    throw InputError(field.internal().name +
+                     ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
+                     "view' for mesh fields");
+  return field.internal().rows();
+}
+
+/// Integer formats carry no noise; floats may.
+Photograph read_image_of_series(const std::filesystem::path& file) {
+  return file.extension() == ".exr" ? read_photograph(file) : Photograph{read_image(file), {}};
+}
+
+/// Blackens pixels that do not count, and checks the others.
+void require_comparable(Image& image, const std::filesystem::path& file, const Mask& mask) {
+  for (std::size_t p = 0; p < mask.size() && p < image.pixel_count(); ++p)
+    if (!mask[p]) std::fill_n(image.values.begin() + 3 * p, 3, 0.0f);
+  require_finite(image, file.string(), true, "repair that pixel or exclude it with --mask");
+}
+
+}  // namespace
+
 std::vector<HeldOutError> v0_2::compare(const Field& field, const Session& given, const Field* truth,
-                                        const RunContext& run) {
+                                        double noise_scale, const RunContext& run) {
   return guarded(run, [&] {
     CaptureSession session = given.internal();
-    const auto rows = field.internal().rows();
-    if (std::ranges::none_of(session.frames, [](const auto& f) { return f.role == FrameRole::test; }))
-      mark_held_out(session, *rows);
+    const auto rows = image_rows(field), exact = truth ? image_rows(*truth) : nullptr;
+    mark_held_out(session, rows->provenance);
     if (!truth) remove_drift(session, run);
     correct_held_out(rows->provenance, session);
-    const auto exact = truth ? truth->internal().rows() : nullptr;
-    auto errors = held_out_errors(*rows, session, exact.get(), FrameRole::test, 1.0, run);
+    auto errors = held_out_errors(*rows, session, exact.get(), FrameRole::test, noise_scale, run);
     if (const std::string warning = training_warning(errors); !warning.empty()) run.note(warning);
     return errors;
+  });
+}
+
+HeldOutError v0_2::compare(const std::string& predicted, const std::string& observed,
+                           const std::filesystem::path& mask_file, const RunContext& run) {
+  return guarded(run, [&] {
+    const auto pairs = pair_files(predicted, observed, "prediction", "observed image");
+    const ImageHeader first = read_image_header(pairs.front().second);
+    const Mask mask = mask_file.empty() ? Mask{} : read_mask(mask_file, first.width, first.height);
+    SeriesError series(mask);
+    std::vector<HeldOutImage> per_image;
+    Progress progress(run, "compare", pairs.size());
+    for (const auto& [predicted_file, observed_file] : pairs) {
+      run.throw_if_stopped();
+      Image image = read_image_of_series(predicted_file).radiance;
+      Photograph reference = read_image_of_series(observed_file);
+      if (!image.same_shape(reference.radiance))
+        throw InputError(predicted_file.string() + ": is " + shape_text(image) + ", " +
+                         observed_file.string() + " is " + shape_text(reference.radiance) +
+                         "; the images must have the same size");
+      require_comparable(image, predicted_file, mask);
+      require_comparable(reference.radiance, observed_file, mask);
+      series.add(image, reference.radiance, reference.sigma);
+      per_image.push_back({predicted_file.filename().string(), observed_file,
+                           image_error(image, reference.radiance, mask, reference.sigma)});
+      progress.advance();
+    }
+    return error_of(series, std::move(per_image));
   });
 }
 

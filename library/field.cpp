@@ -38,8 +38,8 @@ bool is_bright(const ImageView& light) {
 std::shared_ptr<const Field::Data> read(const std::filesystem::path& file, const RunContext& run) {
   auto either = read_either_field(file, run);
   if (auto* packed = std::get_if<PackedField>(&either))
-    return std::make_shared<const Field::Data>(std::move(*packed));
-  return std::make_shared<const Field::Data>(std::get<ReflectanceField>(std::move(either)));
+    return std::make_shared<const Field::Data>(std::move(*packed), file.string());
+  return std::make_shared<const Field::Data>(std::get<ReflectanceField>(std::move(either)), file.string());
 }
 
 std::size_t pixel_of(const FieldOutline& outline, int x, int y) {
@@ -106,9 +106,9 @@ void Field::Data::relight(std::span<const LightMapView> lights, std::span<float>
   for (std::size_t i = 0; i < lights.size(); ++i) {
     run.throw_if_stopped();
     const std::span<float> picture = pictures.subspan(i * values, values);
-    const std::string name = lights.size() > 1 ? "light[" + std::to_string(i) + "]" : "light";
+    const std::string light_name = lights.size() > 1 ? "light[" + std::to_string(i) + "]" : "light";
     const LightMap light = copied(lights[i]);
-    require_finite(light.radiance, name, true, "replace it");
+    require_finite(light.radiance, light_name, true, "replace it");
     if (lays_out && !view) {
       relighter->relight_into(lights[i], picture);
     } else {
@@ -120,7 +120,7 @@ void Field::Data::relight(std::span<const LightMapView> lights, std::span<float>
     }
     if (is_bright(lights[i].radiance) &&
         !std::ranges::all_of(picture, [](float v) { return std::isfinite(v); }))
-      throw InputError(name + ": is too bright for pictures of 32-bit floats; scale it down");
+      throw InputError(light_name + ": is too bright for pictures of 32-bit floats; scale it down");
     if (!outline().observed_light.empty()) {
       const LightShares of_light = outline().light_shares(light.radiance);
       shares.interpolated = std::max(shares.interpolated, of_light.interpolated);

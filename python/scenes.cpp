@@ -67,7 +67,7 @@ py::dict as_dict(const HeldOutError& error) {
 
 py::list compare_field(const Field& field, const Session& session, const Field* truth, py::object progress) {
   const auto errors = LongCall(std::move(progress), std::nullopt)(
-      [&](const RunContext& run) { return compare(field, session, truth, run); });
+      [&](const RunContext& run) { return compare(field, session, truth, 1.0, run); });
   py::list result;
   for (const HeldOutError& error : errors) result.append(as_dict(error));
   return result;

@@ -100,7 +100,8 @@ HeldOutError error_of(const SeriesError& series, std::vector<HeldOutImage> per_i
           series.pixel_quantile(0.9),
           psnr_db,
           std::nullopt,
-          std::move(per_image)};
+          std::move(per_image),
+          series.relative_rmse_map()};
 }
 
 std::string text_of(const CaptureSession& session) {
@@ -124,14 +125,15 @@ void hold_out_every(CaptureSession& session, int every) {
                      " images to train from, so none would be held out; give a smaller number");
 }
 
-void mark_held_out(CaptureSession& session, const ReflectanceField& field) {
-  const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
+void mark_held_out(CaptureSession& session, const std::string& field_provenance) {
+  const auto provenance = nlohmann::json::parse(field_provenance, nullptr, false);
   if (!session.folder.empty()) {
     const std::set<std::string> held_out = names_in(provenance, "held_out");
     for (CaptureFrame& frame : session.frames)
       if (frame.role == FrameRole::train && held_out.contains(frame.name)) frame.role = FrameRole::test;
     return;
   }
+  if (!session.frames_of(FrameRole::test).empty()) return;  // the caller chose
   std::set<std::string> known = names_in(provenance, "frames");
   known.merge(names_in(provenance, "left_out"));
   const auto is_known = [&](const CaptureFrame& frame) { return known.contains(frame.name); };

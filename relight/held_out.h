@@ -24,10 +24,11 @@ std::string text_of(const CaptureSession& session);
 /// InputError for fewer than 2, or where that leaves none or takes none.
 void hold_out_every(CaptureSession& session, int every);
 
-/// Tells which frames `field` was not estimated from, by the names that its provenance holds. Of a session's
-/// frames, those that the estimate held out take the role test. Pairs without roles, if all frames of the
-/// estimate are among them: those train, the others are the test. Else all pairs are the test.
-void mark_held_out(CaptureSession& session, const ReflectanceField& field);
+/// Tells which frames a field was not estimated from, by the names that its provenance holds. Of a session's
+/// frames, those that the estimate held out take the role test, too. Pairs of which none has that role, if
+/// all frames of the estimate are among them: those train, the others are the test. Else all pairs are the
+/// test.
+void mark_held_out(CaptureSession& session, const std::string& provenance);
 
 /// What to say of errors on images that the field was estimated from, or may have been; empty if on none.
 std::string training_warning(const std::vector<HeldOutError>& errors);

@@ -9,10 +9,12 @@
 #include <string>
 #include <string_view>
 
+#include "acquire/import/bracket_merge.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/json_text.h"
 #include "core/base/number_text.h"
+#include "core/base/output_lock.h"
 #include "relight/field_pictures.h"
 #include "relight/held_out.h"
 
@@ -469,24 +471,25 @@ Parameterisation parameterisation_of(const std::string& name, const std::string&
   return is_probe ? Parameterisation::lat_long : Parameterisation::monitor;
 }
 
-CaptureSession open_capture(const CaptureOptions& options) {
+Session open_capture(const CaptureOptions& options) {
   if (options.by_pairs() == !options.session.empty())
     throw InputError("no input, or two inputs; give either a SESSION folder, or both --light and --observed");
   if (options.by_pairs() && (options.light.empty() || options.observed.empty()))
     throw InputError(
         "--light and --observed require each other; give a pattern for the light maps and one for the "
         "photographs");
-  CaptureSession session = options.by_pairs()
-                               ? pair_by_globs(options.light, options.observed,
-                                               parameterisation_of(options.parameterisation, options.light))
-                               : read_capture_session(options.session);
-  if (!options.mask.empty()) session.mask = options.mask;
-  if (options.hold_out != 0) hold_out_every(session, options.hold_out);
+  Session session = options.by_pairs() ? Session(options.light, options.observed,
+                                                 parameterisation_of(options.parameterisation, options.light))
+                                       : Session(options.session);
+  if (!options.mask.empty()) session.set_mask(options.mask);
+  if (options.hold_out != 0) session.hold_out(options.hold_out);
   return session;
 }
 
-void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session) {
-  if (options.hold_out == 0) mark_held_out(session, field);
+std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
+                                           const std::vector<std::filesystem::path>& inputs,
+                                           const std::string& extension) {
+  return std::make_shared<const OutputLock>(output, inputs, extension);
 }
 
 namespace {

@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -10,10 +11,15 @@
 #include <string>
 #include <vector>
 
-#include "acquire/import/bracket_merge.h"
-#include "core/field/reflectance_field.h"
-#include "core/session/capture_session.h"
-#include "relight/held_out.h"
+#include "refield/compare.h"
+#include "refield/session.h"
+
+namespace refield {
+
+struct BracketCamera;
+struct LightShares;
+
+}  // namespace refield
 
 namespace refield::cli {
 
@@ -118,11 +124,13 @@ Parameterisation parameterisation_of(const std::string& name, const std::string&
 
 /// Reads the session or pairs the files, with the mask and the images held out that the options name. Throws
 /// InputError unless exactly one of both is given.
-CaptureSession open_capture(const CaptureOptions& options);
+Session open_capture(const CaptureOptions& options);
 
-/// Which frames `field` was not estimated from, where the options do not say (mark_held_out()). Prints a
-/// warning where pairs may be those of the training.
-void find_held_out(const CaptureOptions& options, const ReflectanceField& field, CaptureSession& session);
+/// Reserves an output while the result lives, before any long work; throws what OutputLock throws
+/// (core/base/output_lock.h).
+std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
+                                           const std::vector<std::filesystem::path>& inputs,
+                                           const std::string& extension = "");
 
 /// Errors on held-out images for machines: of the series and, under "per_image", of each image with its
 /// file. What is not finite becomes null.

@@ -169,9 +169,8 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
   return result;
 }
 
-ReportInput load_input(const CaptureSession& session, bool find_held_out,
-                       const std::vector<fs::path>& field_paths, const fs::path& truth_folder,
-                       const fs::path& scratch, const RunContext& run) {
+ReportInput load_input(const CaptureSession& session, const std::vector<fs::path>& field_paths,
+                       const fs::path& truth_folder, const fs::path& scratch, const RunContext& run) {
   ReportInput input;
   input.session = session;
   if (session.folder.empty()) check_image_sizes(input.session);
@@ -180,7 +179,7 @@ ReportInput load_input(const CaptureSession& session, bool find_held_out,
     input.mask = read_mask(*input.session.mask, input.session.width, input.session.height);
   for (const fs::path& path : field_paths) input.fields.push_back(load_field(path, input.session, run));
   label_fields(input.fields);
-  if (find_held_out) mark_held_out(input.session, input.fields.front().field);
+  mark_held_out(input.session, input.fields.front().field.provenance);
   correct_held_out(input.fields.front().field.provenance, input.session);
   input.truth_folder = truth_folder;
   if (!truth_folder.empty() && !input.session.frames_of(FrameRole::test).empty())

@@ -50,10 +50,9 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
 /// Reads a session's fields and, unless `truth_folder` is empty, the exact images of its held-out frames.
 /// Exact images are those under the light that the session says was emitted: a display's 8-bit drive differs
 /// from the map that it was asked for. They are kept in `scratch`, which must outlive the input. Throws
-/// InputError for a missing field and for one that does not fit the session. `find_held_out`: the first field
-/// tells which frames it was not estimated from (mark_held_out()).
-ReportInput load_input(const CaptureSession& session, bool find_held_out,
-                       const std::vector<std::filesystem::path>& field_paths,
+/// InputError for a missing field and for one that does not fit the session. The first field tells which
+/// frames it was not estimated from (mark_held_out()).
+ReportInput load_input(const CaptureSession& session, const std::vector<std::filesystem::path>& field_paths,
                        const std::filesystem::path& truth_folder, const std::filesystem::path& scratch,
                        const RunContext& run);
 

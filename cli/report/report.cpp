@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "cli/report/page.h"
+#include "cli/report/request.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
@@ -593,14 +594,14 @@ nlohmann::ordered_json write_report(const ReportRequest& request, const RunConte
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
   const ScratchFolder scratch;
   const ReportInput input =
-      load_input(request.session, request.find_held_out, request.fields, request.truth, scratch.path(), run);
+      load_input(request.session.internal(), request.fields, request.truth, scratch.path(), run);
   std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);
   if (pixels.empty()) pixels = choose_pixels(input.fields.front().field, input.mask, run);
   const auto logs = find_run_logs(input);
   const auto evaluated = evaluate(input, run);
   const auto figures = figures_json(input, evaluated, pixels);
   const auto data = page_data(input, evaluated, study_kernels(input, pixels, run), logs, figures,
-                              check_of(request.session, run), run);
+                              check_of(request.session.internal(), run), run);
   write_text_atomically(request.output, page_html(data));
   return figures;
 }

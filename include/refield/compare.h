@@ -45,14 +45,25 @@ struct HeldOutError {
   double tone_mapped_psnr_db = 0.0;           ///< of the series, each image at its own exposure
   std::optional<PredictionCheck> prediction;  ///< where the field holds predicted errors
   std::vector<HeldOutImage> per_image;        ///< [images], in the order of frames
+  Image map{};  ///< of each pixel over the images [height × width × 1]; 0 outside the mask
 };
 
-/// Relights a field with a session's held-out frames, by kind of light. Where no frame has the role test,
-/// those that the field was not estimated from are taken, as its provenance says; errors on images that it
-/// was estimated from are named in run.on_note. With `truth`, another field's noise-free images stand in for
-/// the photographs. Throws InputError when there is no such frame or sizes differ.
+/// Relights a field with a session's held-out frames, by kind of light: those of role test, and those that
+/// the field's provenance says it held out; of pairs of files without roles, those that it was not estimated
+/// from. Errors on images that it was estimated from are named in run.on_note. With `truth`, another field's
+/// noise-free images stand in for the photographs. `noise_scale`: noise of photographs without sigma,
+/// relative to that of the training images; for the check of predicted errors. Throws InputError for a field
+/// of a mesh, when there is no such frame and when sizes differ.
 REFIELD_API std::vector<HeldOutError> compare(const Field& field, const Session& session,
-                                              const Field* truth = nullptr, const RunContext& run = {});
+                                              const Field* truth = nullptr, double noise_scale = 1.0,
+                                              const RunContext& run = {});
+
+/// Compares the images of two files, patterns or folders, which are paired as those of a Session, one pair
+/// at a time. Samples of infinite sigma and pixels where the file `mask` is dark are left out. Throws
+/// InputError for a file without a partner, for sizes that differ, and for samples that count but are not
+/// finite.
+REFIELD_API HeldOutError compare(const std::string& predicted, const std::string& observed,
+                                 const std::filesystem::path& mask = {}, const RunContext& run = {});
 
 /// Compares images [images] of equal size. Samples of infinite `sigma` [images] are left out, if it is given.
 /// Throws InputError for other numbers, sizes that differ and samples that count but are not finite.

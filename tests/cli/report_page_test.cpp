@@ -7,6 +7,7 @@
 #include <regex>
 
 #include "cli/report/report.h"
+#include "cli/report/request.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/field/field_statistics.h"
@@ -44,7 +45,7 @@ class ReportPage : public testing::Test {
     create_folders(truth_);
     write_reflectance_field(truth_ / "transport.rfield", transport_);
     write_reflectance_field(field_path_, field_);
-    request_ = {read_capture_session(session_.folder), true, {field_path_}, truth_, {}, page_};
+    request_ = {Session(session_.folder), {field_path_}, truth_, {}, page_};
   }
 
   void add_frame(const std::string& name, FrameRole role, const std::string& kind) {
@@ -90,7 +91,7 @@ class ReportPage : public testing::Test {
   fs::path truth_ = folder_ / "truth";
   fs::path field_path_ = folder_ / "a <field>.rfield";
   fs::path page_ = folder_ / "report.html";
-  ReportRequest request_;
+  ReportRequest request_{Session(CaptureSession())};
 };
 
 TEST_F(ReportPage, FiguresAreTheMetrics) {
@@ -165,7 +166,7 @@ TEST_F(ReportPage, TheCaptureIsChecked) {
 
 TEST_F(ReportPage, SessionWithoutHeldOutFramesStillGetsAPage) {
   std::erase_if(session_.frames, [](const CaptureFrame& frame) { return frame.role == FrameRole::test; });
-  request_.session = session_;
+  request_.session = Session(CaptureSession(session_));
   const auto figures = write_report(request_);
   EXPECT_TRUE(figures.at("fields").at(0).at("errors").empty());
   EXPECT_EQ(page_data().at("first"), nullptr);
