@@ -31,6 +31,9 @@ auto guarded(const RunContext& run, const Work& work) {
   }
 }
 
+/// From as many pictures on, laying the field out for speed takes less time than it saves.
+inline constexpr std::size_t min_pictures_for_layout = 12;
+
 /// A field in rows or packed; what is missing is made when it is first needed.
 struct v0_2::Field::Data {
   explicit Data(ReflectanceField&& field, std::string field_name = "the field")

@@ -20,9 +20,6 @@ namespace refield {
 
 namespace {
 
-/// From as many pictures on, laying the field out for speed takes less time than it saves.
-constexpr std::size_t min_pictures_for_layout = 12;
-
 /// From this radiance on, the sum of a pixel may exceed the range of 32-bit floats.
 constexpr float bright_light = 1e20f;
 

@@ -63,7 +63,7 @@ void FieldPictures::lay_out(RelightPrecision precision) {
 Image FieldPictures::outputs(const SceneLight& light, const RunContext& run) const {
   const auto* map = std::get_if<LightMap>(&light);
   std::vector<float> coefficients;
-  if (const auto* turned = std::get_if<TurnedEnvironment>(&light)) {
+  if (const auto* turned = std::get_if<SceneEnvironment>(&light)) {
     if (!box_projector_) throw InputError("this field needs an environment's light map");
     coefficients = box_projector_->project(*turned->environment, turned->turn, run);
   } else if (!relighters_) {
@@ -113,7 +113,7 @@ Image FieldPictures::background(const SceneLight& light, std::size_t frame) cons
   if (!shows_background_) return {};
   const PinholeCamera& camera = cameras_[frame % cameras_.size()];
   const std::vector<float> covered = coverage(frame);
-  const auto* turned = std::get_if<TurnedEnvironment>(&light);
+  const auto* turned = std::get_if<SceneEnvironment>(&light);
   const LightMap& map = turned ? turned->environment->map() : std::get<LightMap>(light);
   const Eigen::Matrix3d back =
       turned ? Eigen::Matrix3d(rotation_of(turned->turn).transpose()) : Eigen::Matrix3d::Identity();

@@ -15,11 +15,11 @@
 namespace refield {
 
 /// An environment that lights a scene, turned, for fields that need no light map of it.
-struct TurnedEnvironment {
+struct SceneEnvironment {
   std::shared_ptr<const PreparedEnvironment> environment;
   EulerAngles turn{};
 };
-using SceneLight = std::variant<LightMap, TurnedEnvironment>;
+using SceneLight = std::variant<LightMap, SceneEnvironment>;
 
 /// The pictures of a field, one a frame: of a captured field its outputs as they stand, of one over a mesh
 /// what cameras see. May be asked from several threads at a time.

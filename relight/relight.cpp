@@ -35,7 +35,7 @@ bool is_exposed(const RelightJob& job) {
 
 const Image& radiance_of(const SceneLight& light) {
   const auto* map = std::get_if<LightMap>(&light);
-  return map ? map->radiance : std::get<TurnedEnvironment>(light).environment->map().radiance;
+  return map ? map->radiance : std::get<SceneEnvironment>(light).environment->map().radiance;
 }
 
 double exposure_of(const Image& shown) {

@@ -35,8 +35,8 @@ double overlap(double left, double right, int x) {
 
 }  // namespace
 
-LightMap sliding_bar(const LightDomain& domain, double width_fraction, int frame, int frames,
-                     float radiance) {
+LightMap v0_2::sliding_bar(const LightDomain& domain, double width_fraction, int frame, int frames,
+                           float radiance) {
   if (!(width_fraction > 0.0 && width_fraction <= 1.0))
     throw InputError("the bar's width is " + std::to_string(width_fraction) +
                      "; give a fraction of the light map's width above 0 and up to 1");
@@ -57,7 +57,7 @@ LightMap sliding_bar(const LightDomain& domain, double width_fraction, int frame
   return light;
 }
 
-LightMap rotated(const LightMap& light, double turns) {
+LightMap v0_2::rotated(const LightMap& light, double turns) {
   if (light.parameterisation != Parameterisation::lat_long)
     throw InputError("only lat-long light maps can be rotated, this one is a " +
                      std::string(name_of(light.parameterisation)) + " map; use a sliding bar instead");
@@ -77,7 +77,7 @@ LightMap rotated(const LightMap& light, double turns) {
   return turned;
 }
 
-LightMap mixed(const LightMap& a, const LightMap& b, double share) {
+LightMap v0_2::mixed(const LightMap& a, const LightMap& b, double share) {
   if (a.domain() != b.domain()) throw InputError("lights of different sizes cannot fade into one another");
   LightMap light = a;
   const auto part = static_cast<float>(share);

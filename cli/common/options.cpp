@@ -319,13 +319,13 @@ void print_exposures(std::span<const std::string> files, std::span<const double>
   }
 }
 
-void warn_of_unobserved_light(const LightShares& shares) {
-  if (shares.interpolated > 0.01)
+void warn_of_unobserved_light(double interpolated, double unobserved) {
+  if (interpolated > 0.01)
     std::fprintf(stderr,
                  "refield: note: %.0f %% of the light comes from directions between the light sources of the "
                  "capture; its effect is interpolated\n",
-                 100.0 * shares.interpolated);
-  if (const std::string warning = unobserved_light_warning(shares); !warning.empty())
+                 100.0 * interpolated);
+  if (const std::string warning = unobserved_light_warning({interpolated, unobserved}); !warning.empty())
     std::fprintf(stderr, "refield: warning: %s\n", warning.c_str());
 }
 

@@ -17,7 +17,11 @@
 namespace refield {
 
 struct BracketCamera;
-struct LightShares;
+
+// Of core/base, where they are documented, for paths that users give.
+std::vector<std::filesystem::path> expand_globs(const std::vector<std::string>& patterns);
+void require_not_an_input(const std::filesystem::path& output,
+                          const std::vector<std::filesystem::path>& inputs);
 
 }  // namespace refield
 
@@ -80,8 +84,9 @@ CLI::Option* add_exposure_option(CLI::App& verb, std::optional<double>& exposure
 /// Prints automatic exposures so that they can be repeated: one for all files, or one per file.
 void print_exposures(std::span<const std::string> files, std::span<const double> exposures);
 
-/// Warns on standard error where more than 1 % of the light has an effect that the field does not know.
-void warn_of_unobserved_light(const LightShares& shares);
+/// Warns on standard error where more than 1 % of the light has an effect that the field does not know:
+/// shares of its energy, PictureReport's.
+void warn_of_unobserved_light(double interpolated, double unobserved);
 /// Warns on standard error where more than half of the pixels that show light are clipped.
 void warn_of_clipping(double clipped_share);
 

@@ -1,24 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/relight/light_series.h"
-
-#include <nlohmann/json.hpp>
+#include "relight/light_series.h"
 
 #include <algorithm>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 
-#include "cli/common/options.h"
-#include "cli/run_context.h"
-#include "core/base/errors.h"
-#include "core/base/files.h"
-#include "core/base/number_text.h"
-#include "core/base/run_context.h"
-#include "core/image/image_io.h"
-#include "relight/environment/environment.h"
-#include "relight/field_pictures.h"
-#include "relight/mesh/mesh_view.h"
-#include "relight/sequence.h"
-#include "simulate/prt/area_lights.h"
-#include "simulate/prt/harmonic_transfer.h"
+#include "common/options.h"
+#include "run_context.h"
 
 namespace refield::cli {
 
@@ -29,7 +17,7 @@ bool are_given(const CameraOptions& options) {
          options.turntable || options.show_environment;
 }
 
-Eigen::Vector3f vector_of(const std::vector<float>& numbers) {
+std::array<float, 3> point_of(const std::vector<float>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
@@ -57,9 +45,9 @@ void add_camera_options(CLI::App& verb, CameraOptions& options) {
       ->group(group);
 }
 
-std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
-                                      const std::filesystem::path& path, int frames) {
-  if (!field.mesh) {
+std::vector<ViewCamera> cameras_of(const CameraOptions& options, const Field& field,
+                                   const std::filesystem::path& path, int frames) {
+  if (!field.has_mesh()) {
     if (are_given(options))
       throw InputError(
           path.string() +
@@ -67,48 +55,37 @@ std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const Reflec
           "--camera-position, --camera-target, --vertical-fov, --size, --turntable and --show-environment");
     return {};
   }
-  PinholeCamera camera = standard_camera(field);
-  if (!options.size.empty()) {
-    const PictureSize size = read_picture_size(options.size, {1, 1});
-    camera.width = size.width;
-    camera.height = size.height;
-    if (!field.mesh->camera) camera = framing_camera(*field.mesh, camera.width, camera.height);
-  }
-  if (!options.position.empty()) camera.position = vector_of(options.position);
-  if (!options.target.empty()) camera.target = vector_of(options.target);
+  const PictureSize size = options.size.empty() ? PictureSize() : read_picture_size(options.size, {1, 1});
+  ViewCamera camera = standard_camera(field, size.width, size.height);
+  if (!options.position.empty()) camera.position = point_of(options.position);
+  if (!options.target.empty()) camera.target = point_of(options.target);
   if (options.fov) camera.vertical_field_of_view_degrees = *options.fov;
-  camera.check();
   return options.turntable ? turntable(camera, frames) : std::vector{camera};
 }
 
-void SeenShares::add(const std::string& light, const EnvironmentShare& share) {
-  const std::scoped_lock lock(mutex_);
-  entries_.insert(std::ranges::upper_bound(entries_, light, {}, &Entry::light), {light, share});
-}
-
-void SeenShares::print() const {
+void print_seen(const std::vector<SeenShare>& seen) {
   constexpr std::size_t max_lines = 12;
-  if (entries_.empty()) return;
+  if (seen.empty()) return;
   std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
-              100.0 * entries_.front().share.sphere);
-  if (entries_.size() <= max_lines) {
-    for (const Entry& entry : entries_)
-      std::printf("%s: %.1f %% of the map's light comes from these directions\n", entry.light.c_str(),
-                  100.0 * entry.share.energy);
+              100.0 * seen.front().share.sphere);
+  if (seen.size() <= max_lines) {
+    for (const SeenShare& one : seen)
+      std::printf("%s: %.1f %% of the map's light comes from these directions\n", one.light.c_str(),
+                  100.0 * one.share.energy);
     return;
   }
-  const auto energy = [](const Entry& entry) { return entry.share.energy; };
-  const auto [least, most] = std::ranges::minmax_element(entries_, {}, energy);
+  const auto energy = [](const SeenShare& one) { return one.share.energy; };
+  const auto [least, most] = std::ranges::minmax_element(seen, {}, energy);
   std::printf("%.1f %% (%s) to %.1f %% (%s) of the maps' light comes from these directions\n",
               100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
 }
 
-nlohmann::ordered_json SeenShares::json() const {
+nlohmann::ordered_json seen_figures(const std::vector<SeenShare>& seen) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const Entry& entry : entries_)
-    list.push_back({{"light", entry.light},
-                    {"share_of_directions", entry.share.sphere},
-                    {"share_of_light", entry.share.energy}});
+  for (const SeenShare& one : seen)
+    list.push_back({{"light", one.light},
+                    {"share_of_directions", one.share.sphere},
+                    {"share_of_light", one.share.energy}});
   return list;
 }
 
@@ -118,7 +95,8 @@ namespace fs = std::filesystem;
 
 /// "bar_0007"
 std::string frame_name(const char* what, int frame) {
-  return formatted("%s_%04d", what, frame);
+  const std::string number = std::to_string(frame);
+  return std::string(what) + '_' + std::string(number.size() < 4 ? 4 - number.size() : 0, '0') + number;
 }
 
 /// The one file that is to be turned. Throws InputError naming `option` when it is not one.
@@ -129,109 +107,107 @@ fs::path only_file(const std::vector<std::string>& patterns, const char* option)
   return files[0];
 }
 
-void require_light_size(const fs::path& light, const LightDomain& domain) {
-  const ImageHeader header = read_image_header(light);
-  if (header.width != domain.width || header.height != domain.height)
-    throw InputError(light.string() + ": is " + std::to_string(header.width) + "×" +
-                     std::to_string(header.height) + " texels, but the field requires a " +
-                     std::string(name_of(domain.parameterisation)) + " light map of " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height) +
-                     "; resample it to that size, or give it with --env if it is an environment map");
-}
-
-LightSeries series_of_lights(const RelightOptions& options, const LightDomain& domain) {
-  LightSeries series;
+void add_lights(const RelightOptions& options, const Field& field, LightSeries& series) {
   for (const fs::path& file : expand_globs(options.lights)) {
-    require_light_size(file, domain);
-    series.lights.push_back({file.stem().string(), file,
-                             [=] { return read_light_map(file, domain.parameterisation, run_context()); }});
+    require_light(field, file);
+    series.add(file.stem().string(), file, [file, kind = field.light_domain().parameterisation] {
+      return read_light_map(file, kind, run_context());
+    });
   }
-  return series;
 }
 
-LightSeries series_of_rotated_light(const RelightOptions& options, const LightDomain& domain) {
+void add_rotated_light(const RelightOptions& options, const Field& field, LightSeries& series) {
   const fs::path file = only_file(options.lights, "--light");
-  require_light_size(file, domain);
-  const auto light =
-      std::make_shared<const LightMap>(read_light_map(file, domain.parameterisation, run_context()));
+  require_light(field, file);
+  const auto light = std::make_shared<const LightMap>(
+      read_light_map(file, field.light_domain().parameterisation, run_context()));
   rotated(*light, 0.0);  // complains about a map that cannot turn before anything is written
-  LightSeries series{.is_sequence = true};
   for (int i = 0; i < options.frames; ++i)
-    series.lights.push_back({frame_name("rotation", i), file, [=, n = options.frames] {
-                               return rotated(*light, static_cast<double>(i) / n);
-                             }});
-  return series;
+    series.add(frame_name("rotation", i), file,
+               [=, n = options.frames] { return rotated(*light, static_cast<double>(i) / n); });
 }
 
-LightSeries series_of_bar(const RelightOptions& options, const LightDomain& domain) {
-  LightSeries series{.is_sequence = true};
+void add_bar(const RelightOptions& options, const Field& field, LightSeries& series) {
   for (int i = 0; i < options.frames; ++i)
-    series.lights.push_back(
-        {frame_name("bar", i), std::nullopt,
-         [=, width = options.bar, n = options.frames] { return sliding_bar(domain, width, i, n); }});
-  return series;
+    series.add(frame_name("bar", i), std::nullopt,
+               [=, domain = field.light_domain(), width = options.bar, n = options.frames] {
+                 return sliding_bar(domain, width, i, n);
+               });
 }
 
-LightSeries series_of_area_lights(const RelightOptions& options, const ReflectanceField& field) {
-  if (!field.mesh || field.basis.domain.parameterisation != Parameterisation::cube)
-    throw InputError("--area-lights requires a mesh field; " + options.field.string() +
-                     " is an image field: use --light or --env");
-  const auto area_lights =
-      std::make_shared<const prt::AreaLights>(prt::read_area_lights(options.area_lights, run_context()));
-  const Eigen::Vector3f middle = prt::middle(*field.mesh);
-  const double last = std::max(1, options.frames - 1), duration = area_lights->duration();
-  LightSeries series{.is_sequence = true};
+void add_area_lights(const RelightOptions& options, const Field& field, LightSeries& series) {
+  const AreaLights lights(field, options.area_lights, run_context());
+  const double last = std::max(1, options.frames - 1);
   for (int i = 0; i < options.frames; ++i)
-    series.lights.push_back({frame_name("area_lights", i), options.area_lights,
-                             [=, time = duration * i / last, resolution = field.basis.domain.width] {
-                               return emitter_map(area_lights->at(time), middle, resolution);
-                             }});
-  return series;
+    series.add(frame_name("area_lights", i), options.area_lights,
+               [=, time = lights.duration() * i / last] { return lights.light(time); });
 }
 
 /// One light for all frames of a sequence in which the camera alone moves.
 void hold_still(LightSeries& series, int frames) {
   if (series.lights.size() != 1)
     throw InputError("--turntable requires exactly one light map or one light sequence; give one map");
-  const auto light = std::make_shared<const SceneLight>(series.lights[0].make());
-  const auto source = series.lights[0].source;
-  series.lights.clear();
-  for (int i = 0; i < frames; ++i)
-    series.lights.push_back({frame_name("turntable", i), source, [=] { return *light; }});
+  const auto source = series.pictures[0].source;
+  series.pictures.clear();
+  for (int i = 0; i < frames; ++i) series.pictures.push_back({frame_name("turntable", i), source});
   series.is_sequence = true;
 }
 
-/// Brings environments into the form that a field is lit by, and keeps count of what the monitor sees of
-/// them.
-struct Projection {
-  std::shared_ptr<const EnvironmentProjector> projector;
-  std::shared_ptr<SeenShares> seen;
-  bool box_sums = false;  ///< the field needs no light map
-
-  SceneLight operator()(const std::string& name, std::shared_ptr<const PreparedEnvironment> environment,
-                        const EulerAngles& turn) const {
-    if (box_sums && environment->has_path_sums()) return TurnedEnvironment{std::move(environment), turn};
-    return light_map(name, *environment, turn);
-  }
-
-  LightMap light_map(const std::string& name, const PreparedEnvironment& environment,
-                     const EulerAngles& turn) const {
-    EnvironmentLight result = projector->project(environment, turn, run_context());
-    if (seen) seen->add(name, result.share);
-    return std::move(result.light);
-  }
-};
-
-std::shared_ptr<const PreparedEnvironment> prepared(LightMap environment) {
-  return std::make_shared<const PreparedEnvironment>(std::move(environment), run_context());
+void add_maps(const RelightOptions& options, LightSeries& series) {
+  for (const fs::path& file : expand_globs(options.environments))
+    series.add(file.stem().string(), file, [file, turn = options.turn] {
+      return TurnedEnvironment{Environment(file, run_context()), turn};
+    });
 }
 
-Projection projection_of(const RelightOptions& options, const ReflectanceField& field) {
-  const auto monitors =
-      options.placements.empty() ? field.monitors : placements_from_texts(options.placements);
-  const LightDomain& domain = field.basis.domain;
+void add_rotation(const RelightOptions& options, LightSeries& series) {
+  const fs::path file = only_file(options.environments, "--env");
+  const Environment environment(file, run_context());
+  for (int i = 0; i < options.frames; ++i) {
+    EulerAngles turn = options.turn;
+    turn.yaw += 360.0 * i / options.frames;
+    series.add(frame_name("rotation", i), file, [=] { return TurnedEnvironment{environment, turn}; });
+  }
+}
+
+void add_day(const RelightOptions& options, LightSeries& series) {
+  options.sky.check();
+  for (int i = 0; i < options.frames; ++i) {
+    const double day = options.frames == 1 ? 0.5 : static_cast<double>(i) / (options.frames - 1);
+    series.add(frame_name("day", i), std::nullopt, [=, sky = options.sky, turn = options.turn] {
+      return TurnedEnvironment{Environment(day, sky, run_context()), turn};
+    });
+  }
+}
+
+/// Light adds up, so maps are put onto the light map once, and their lights mixed.
+void add_fade(const RelightOptions& options, const Field& field, LightSeries& series) {
+  const auto files = expand_globs(options.environments);
+  if (files.size() < 2)
+    throw InputError("--frames requires a motion; give several maps of --env, --rotate or --turntable");
+  const auto monitors = options.pictures.monitors.empty() ? field.monitors() : options.pictures.monitors;
+  const auto lights = std::make_shared<std::vector<LightMap>>();
+  for (const fs::path& file : files) {
+    EnvironmentShare share;
+    lights->push_back(Environment(file, run_context())
+                          .project(field.light_domain(), monitors, options.turn, run_context(), &share));
+    if (!monitors.empty()) series.seen.push_back({file.stem().string(), share});
+  }
+  for (int i = 0; i < options.frames; ++i) {
+    const double last = static_cast<double>(files.size()) - 1.0;
+    const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);
+    const auto from = std::min(static_cast<std::size_t>(place), files.size() - 2);
+    series.add(frame_name("fade", i), files[from], [=] {
+      return mixed((*lights)[from], (*lights)[from + 1], place - static_cast<double>(from));
+    });
+  }
+}
+
+/// Refuses environments without the placement of the monitor that shows them, and a placement without one.
+void check_monitors(const RelightOptions& options, const Field& field) {
+  const LightDomain domain = field.light_domain();
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
-  if (has_window && monitors.empty())
+  if (has_window && options.placements.empty() && field.monitors().empty())
     throw InputError(options.field.string() +
                      ": does not contain the placement of the monitor, which environment maps require; give "
                      "width x height @ distance from the scene in mm, such as --placement 520x320@600,yaw=90 "
@@ -239,77 +215,20 @@ Projection projection_of(const RelightOptions& options, const ReflectanceField& 
   if (!has_window && !options.placements.empty())
     throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
                      " light map that covers all directions; remove --placement");
-  check_placements(monitors, domain, options.placements.empty() ? options.field.string() : "--placement");
-  return {std::make_shared<const EnvironmentProjector>(domain, monitors, run_context()),
-          has_window ? std::make_shared<SeenShares>() : nullptr, box_sums_suffice(field.basis)};
-}
-
-void add_maps(const RelightOptions& options, const Projection& project, LightSeries& series) {
-  for (const fs::path& file : expand_globs(options.environments))
-    series.lights.push_back({file.stem().string(), file, [=, turn = options.turn] {
-                               return project(file.stem().string(),
-                                              prepared(read_environment(file, run_context())), turn);
-                             }});
-}
-
-void add_rotation(const RelightOptions& options, const Projection& project, LightSeries& series) {
-  const fs::path file = only_file(options.environments, "--env");
-  const auto environment = prepared(read_environment(file, run_context()));
-  for (int i = 0; i < options.frames; ++i) {
-    EulerAngles turn = options.turn;
-    turn.yaw += 360.0 * i / options.frames;
-    const std::string name = frame_name("rotation", i);
-    series.lights.push_back({name, file, [=] { return project(name, environment, turn); }});
-  }
-}
-
-void add_day(const RelightOptions& options, const Projection& project, LightSeries& series) {
-  options.sky.check();
-  for (int i = 0; i < options.frames; ++i) {
-    const std::string name = frame_name("day", i);
-    const double done = options.frames == 1 ? 0.5 : static_cast<double>(i) / (options.frames - 1);
-    series.lights.push_back({name, std::nullopt, [=, sky = options.sky, turn = options.turn] {
-                               return project(name, prepared(clear_sky(sun_direction(done, sky), sky)), turn);
-                             }});
-  }
-}
-
-/// Light adds up, so maps are put onto the light map once, and their lights mixed.
-void add_fade(const RelightOptions& options, const Projection& project, LightSeries& series) {
-  const auto files = expand_globs(options.environments);
-  if (files.size() < 2)
-    throw InputError("--frames requires a motion; give several maps of --env, --rotate or --turntable");
-  const auto lights = std::make_shared<std::vector<LightMap>>();
-  Progress progress(run_context(), "projecting maps", files.size());
-  for (const fs::path& file : files) {
-    lights->push_back(project.light_map(
-        file.stem().string(), PreparedEnvironment(read_environment(file, run_context()), run_context()),
-        options.turn));
-    progress.advance();
-  }
-  for (int i = 0; i < options.frames; ++i) {
-    const double last = static_cast<double>(files.size()) - 1.0;
-    const double place = options.frames == 1 ? 0.0 : last * i / (options.frames - 1);
-    const auto from = std::min(static_cast<std::size_t>(place), files.size() - 2);
-    series.lights.push_back(
-        {frame_name("fade", i), files[from],
-         [=] { return mixed((*lights)[from], (*lights)[from + 1], place - static_cast<double>(from)); }});
-  }
 }
 
 /// Maps, turning maps, fades from map to map, days.
-LightSeries environment_series(const RelightOptions& options, const ReflectanceField& field) {
-  const Projection project = projection_of(options, field);
-  LightSeries series{.is_sequence = options.rotate || options.fades() || options.day, .seen = project.seen};
+void add_environments(const RelightOptions& options, const Field& field, LightSeries& series) {
+  check_monitors(options, field);
+  series.is_sequence = options.rotate || options.fades() || options.day;
   if (options.day)
-    add_day(options, project, series);
+    add_day(options, series);
   else if (options.fades())
-    add_fade(options, project, series);
+    add_fade(options, field, series);
   else if (options.rotate)
-    add_rotation(options, project, series);
+    add_rotation(options, series);
   else
-    add_maps(options, project, series);
-  return series;
+    add_maps(options, series);
 }
 
 void check(const RelightOptions& options) {
@@ -333,15 +252,19 @@ void check(const RelightOptions& options) {
 
 }  // namespace
 
-LightSeries light_series(const RelightOptions& options, const ReflectanceField& field) {
+LightSeries light_series(const RelightOptions& options, const Field& field) {
   check(options);
-  const LightDomain& domain = field.basis.domain;
-  if (options.bar > 0.0) return series_of_bar(options, domain);
-  if (!options.area_lights.empty()) return series_of_area_lights(options, field);
-  const bool is_environment = options.day || !options.environments.empty();
-  LightSeries series = is_environment   ? environment_series(options, field)
-                       : options.rotate ? series_of_rotated_light(options, domain)
-                                        : series_of_lights(options, domain);
+  LightSeries series{.is_sequence = options.bar > 0.0 || !options.area_lights.empty() || options.rotate};
+  if (options.bar > 0.0)
+    add_bar(options, field, series);
+  else if (!options.area_lights.empty())
+    add_area_lights(options, field, series);
+  else if (options.day || !options.environments.empty())
+    add_environments(options, field, series);
+  else if (options.rotate)
+    add_rotated_light(options, field, series);
+  else
+    add_lights(options, field, series);
   if (options.camera.turntable && !series.is_sequence) hold_still(series, options.frames);
   return series;
 }

@@ -5,19 +5,11 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include <filesystem>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "core/field/mesh.h"
-#include "core/field/reflectance_field.h"
-#include "core/light/monitor_placement.h"
-#include "relight/environment/environment.h"
-#include "relight/environment/sky.h"
-#include "relight/relight.h"
-#include "relight/sequence.h"
+#include "refield/relight.h"
 
 namespace refield::cli {
 
@@ -33,10 +25,10 @@ struct CameraOptions {
 
 void add_camera_options(CLI::App& verb, CameraOptions& options);
 
-/// The cameras of FieldPictures. Throws InputError for a camera that cannot be, and for camera options with a
-/// field that has no mesh.
-std::vector<PinholeCamera> cameras_of(const CameraOptions& options, const ReflectanceField& field,
-                                      const std::filesystem::path& path, int frames);
+/// What PictureOptions::cameras takes. Throws InputError for a camera that cannot be, and for camera options
+/// with a field that has no mesh.
+std::vector<ViewCamera> cameras_of(const CameraOptions& options, const Field& field,
+                                   const std::filesystem::path& path, int frames);
 
 /// Options of `refield relight`.
 struct RelightOptions {
@@ -54,7 +46,7 @@ struct RelightOptions {
   int frames = 0;
   std::filesystem::path output;
   std::string format = "exr";
-  VideoOptions video;  ///< its exposure goes for PNG files too
+  PictureOptions pictures;
 
   /// Whether the light fades from each environment to the next.
   bool fades() const {
@@ -62,42 +54,36 @@ struct RelightOptions {
   }
 };
 
-/// How much of each environment the monitor's windows saw, so that no one takes a part for the whole.
-class SeenShares {
- public:
-  /// From any thread.
-  void add(const std::string& light, const EnvironmentShare& share);
-
-  /// One line a light; of many, one line for all.
-  void print() const;
-  nlohmann::ordered_json json() const;
-
- private:
-  struct Entry {
-    std::string light;
-    EnvironmentShare share;
-  };
-  std::mutex mutex_;
-  std::vector<Entry> entries_;  // by name, as threads do not come in order
+/// How much of an environment the monitor's windows saw, so that no one takes a part for the whole.
+struct SeenShare {
+  std::string light;
+  EnvironmentShare share;
 };
+/// One line a light; of many, one line for all.
+void print_seen(const std::vector<SeenShare>& seen);
+nlohmann::ordered_json seen_figures(const std::vector<SeenShare>& seen);
 
-/// One of the lights to show a field under.
-struct SeriesLight {
-  std::string name;                             ///< its image's, without extension
-  std::optional<std::filesystem::path> source;  ///< the file that it comes from, where it is one file's
-  LightFunction make;                           ///< reads or computes it; from several threads at a time
+/// One of the pictures to make.
+struct SeriesPicture {
+  std::string name;                             ///< of its file, without extension
+  std::optional<std::filesystem::path> source;  ///< the file of its light, where it is one file's
 };
 
 /// What the options ask a field to be lit by.
 struct LightSeries {
-  std::vector<SeriesLight> lights{};
-  bool is_sequence = false;  ///< frames of a motion, not files of their own
-  /// Filled in as environments are put onto the monitor's window; null where there is none.
-  std::shared_ptr<SeenShares> seen{};
+  void add(std::string name, std::optional<std::filesystem::path> source, IlluminationFunction light) {
+    pictures.push_back({std::move(name), std::move(source)});
+    lights.push_back(std::move(light));
+  }
+
+  std::vector<SeriesPicture> pictures{};
+  std::vector<IlluminationFunction> lights{};  ///< [pictures], or one for all
+  bool is_sequence = false;                    ///< frames of a motion, not files of their own
+  std::vector<SeenShare> seen{};               ///< of environments that were projected already
 };
 
 /// Reads nothing but headers, and maps that a whole sequence shares. Throws InputError for options that do
 /// not fit together or to the field.
-LightSeries light_series(const RelightOptions& options, const ReflectanceField& field);
+LightSeries light_series(const RelightOptions& options, const Field& field);
 
 }  // namespace refield::cli

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/relight.h"
-#include "cli/run_context.h"
+#include "refield/relight.h"
 
 #include <algorithm>
 #include <array>
@@ -12,13 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "cli/common/options.h"
-#include "cli/relight/light_series.h"
-#include "cli/verbs.h"
-#include "core/base/errors.h"
-#include "core/base/files.h"
-#include "core/base/output_lock.h"
-#include "core/field_io/reflectance_field_file.h"
+#include "common/options.h"
+#include "relight/light_series.h"
+#include "run_context.h"
+#include "verbs.h"
 
 namespace refield::cli {
 
@@ -29,8 +25,8 @@ namespace fs = std::filesystem;
 /// Whether the output names the image itself: one file of light, named as it is, and no folder.
 bool names_one_image(const RelightOptions& options, const LightSeries& series) {
   const auto& patterns = options.lights.empty() ? options.environments : options.lights;
-  return !series.is_sequence && patterns.size() == 1 && series.lights.size() == 1 &&
-         series.lights[0].source == fs::path(patterns[0]) && options.output.has_extension() &&
+  return !series.is_sequence && patterns.size() == 1 && series.pictures.size() == 1 &&
+         series.pictures[0].source == fs::path(patterns[0]) && options.output.has_extension() &&
          !fs::is_directory(options.output);
 }
 
@@ -46,85 +42,64 @@ void require_folder_name(const fs::path& output) {
       ": has the name of a single image, but several images are written; give a folder or a video (.mp4)");
 }
 
-std::vector<RelightJob> jobs_of(const RelightOptions& options, const LightSeries& series) {
+std::vector<fs::path> files_of(const RelightOptions& options, const LightSeries& series) {
   const bool single = names_one_image(options, series);
   if (!single) require_folder_name(options.output);
-  std::vector<RelightJob> jobs;
+  std::vector<fs::path> files;
   std::set<fs::path> outputs;
-  for (const SeriesLight& light : series.lights) {
-    const fs::path output = single ? options.output : options.output / (light.name + "." + options.format);
-    require_not_an_input(output, {options.field, light.source.value_or(fs::path())});
+  for (const auto& [name, source] : series.pictures) {
+    const fs::path output = single ? options.output : options.output / (name + "." + options.format);
+    require_not_an_input(output, {options.field, source.value_or(fs::path())});
     if (!outputs.insert(output).second)
-      throw InputError(light.source->string() + ": another light of the same name is also written to " +
+      throw InputError(source->string() + ": another light of the same name is also written to " +
                        output.string() + "; rename one of them or use different output folders");
-    jobs.push_back({light.make, output});
+    files.push_back(output);
   }
-  if (fs::is_regular_file(options.output) && jobs.front().output != options.output)
+  if (fs::is_regular_file(options.output) && files.front() != options.output)
     throw InputError(options.output.string() + ": is a file, but several images are written; give a folder");
-  return jobs;
+  return files;
 }
 
-/// For fewer pictures, laying the field out takes longer than it saves.
-constexpr std::size_t min_pictures_for_layout = 12;
-
-FieldPictures pictures_of(const RelightOptions& options, const ReflectanceField& field, std::size_t count,
-                          RelightPrecision precision) {
-  FieldPictures pictures(field, cameras_of(options.camera, field, options.field, options.frames));
-  if (options.camera.show_environment) pictures.show_background();
-  if (count >= min_pictures_for_layout) pictures.lay_out(precision);
-  return pictures;
-}
-
-struct Written {
-  std::vector<std::string> files;
-  ExposureReport exposure;
-};
-
-Written write_images(const RelightOptions& options, const ReflectanceField& field,
-                     const LightSeries& series) {
-  const auto jobs = jobs_of(options, series);
-  create_folders(fs::absolute(jobs.front().output).parent_path());
-  Written written;
-  written.exposure = relight_to_files(pictures_of(options, field, jobs.size(), RelightPrecision::fine), jobs,
-                                      {options.video.exposure, series.is_sequence}, run_context());
-  for (const RelightJob& job : jobs) written.files.push_back(job.output.string());
-  return written;
-}
-
-Written write_video(const RelightOptions& options, const ReflectanceField& field, const LightSeries& series) {
-  std::vector<LightFunction> lights;
-  for (const SeriesLight& light : series.lights) lights.push_back(light.make);
-  create_folders(fs::absolute(options.output).parent_path());
-  return {{options.output.string()},
-          relight_to_video(pictures_of(options, field, lights.size(), RelightPrecision::fast), lights,
-                           options.output, options.video, run_context())};
-}
-
-void relight(const RelightOptions& options, const Common& common) {
-  options.video.check();
-  std::vector<fs::path> inputs = {options.field, options.area_lights};
-  for (const auto* patterns : {&options.lights, &options.environments})
-    inputs.insert(inputs.end(), patterns->begin(), patterns->end());
-  const OutputLock lock(options.output, inputs);
-  const ReflectanceField field = read_reflectance_field(options.field, run_context());
-  const LightSeries series = light_series(options, field);
-  const bool is_video = options.output.extension() == ".mp4";
-  const Written written =
-      is_video ? write_video(options, field, series) : write_images(options, field, series);
-  warn_of_clipping(written.exposure.clipped);
-  warn_of_unobserved_light(written.exposure.light_shares);
+/// Prints what became of `files`, and what of the light did not reach the scene.
+void report(const RelightOptions& options, LightSeries& series, const std::vector<std::string>& files,
+            bool is_video, const PictureReport& made, const Common& common) {
+  for (std::size_t i = 0; i < made.seen.size(); ++i)
+    series.seen.push_back({series.pictures[i].name, made.seen[i]});
+  std::ranges::stable_sort(series.seen, {}, &SeenShare::light);
+  warn_of_clipping(made.clipped);
+  warn_of_unobserved_light(made.interpolated_light, made.unobserved_light);
   if (common.json) {
-    nlohmann::ordered_json figures{{is_video ? "videos" : "images", written.files}};
-    if (!written.exposure.factors.empty()) figures["exposures"] = written.exposure.factors;
-    const LightShares& shares = written.exposure.light_shares;
-    if (shares.interpolated > 0.0) figures["interpolated_light"] = shares.interpolated;
-    if (shares.unobserved > 0.0) figures["unobserved_light"] = shares.unobserved;
-    if (series.seen) figures["seen_by_monitor"] = series.seen->json();
+    nlohmann::ordered_json figures{{is_video ? "videos" : "images", files}};
+    if (!made.exposures.empty()) figures["exposures"] = made.exposures;
+    if (made.interpolated_light > 0.0) figures["interpolated_light"] = made.interpolated_light;
+    if (made.unobserved_light > 0.0) figures["unobserved_light"] = made.unobserved_light;
+    if (!series.seen.empty()) figures["seen_by_monitor"] = seen_figures(series.seen);
     print_json(figures);
     return;
   }
-  if (series.seen) series.seen->print();
-  if (!options.video.exposure) print_exposures(written.files, written.exposure.factors);
+  print_seen(series.seen);
+  if (!options.pictures.exposure) print_exposures(files, made.exposures);
+}
+
+void relight(RelightOptions options, const Common& common) {
+  options.pictures.check();
+  std::vector<fs::path> inputs = {options.field, options.area_lights};
+  for (const auto* patterns : {&options.lights, &options.environments})
+    inputs.insert(inputs.end(), patterns->begin(), patterns->end());
+  const auto reserved = reserve_output(options.output, inputs);
+  const Field field(options.field, run_context());
+  PictureOptions& pictures = options.pictures;
+  pictures.monitors = placements_from_texts(options.placements);
+  LightSeries series = light_series(options, field);
+  const bool is_video = options.output.extension() == ".mp4";
+  const auto files = is_video ? std::vector{options.output} : files_of(options, series);
+  pictures.cameras = cameras_of(options.camera, field, options.field, options.frames);
+  pictures.show_environment = options.camera.show_environment;
+  pictures.is_sequence = series.is_sequence;
+  const PictureReport made =
+      is_video ? relight_to_video(field, series.lights, options.output, pictures, run_context())
+               : relight_to_files(field, series.lights, files, pictures, run_context());
+  report(options, series, {files.begin(), files.end()}, is_video, made, common);
 }
 
 void add_light_options(CLI::App& verb, RelightOptions& options) {
@@ -198,8 +173,8 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--format", options->format,
                    "File format of images in a folder: exr, png or glb (default: exr)")
       ->check(CLI::IsMember({"exr", "png", "glb"}));
-  add_fps_option(*verb, options->video.frames_per_second);
-  add_exposure_option(*verb, options->video.exposure);
+  add_fps_option(*verb, options->pictures.frames_per_second);
+  add_exposure_option(*verb, options->pictures.exposure);
   verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });
 }
 

@@ -13,6 +13,7 @@
 #include "core/field/transfer_tiles.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
+#include "refield/relight.h"
 #include "relight/environment/prepared_environment.h"
 #include "relight/environment/sphere_grid.h"
 
@@ -26,13 +27,6 @@ Parameterisation require_environment_kind(int width, int height, const std::stri
 /// Reads a map of the whole environment: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.
 LightMap read_environment(const std::filesystem::path& path, const RunContext& run = {});
-
-/// What of an environment reaches a field's light map. Energy is radiance times solid angle, all channels
-/// together.
-struct EnvironmentShare {
-  double sphere = 1.0;  ///< of all directions: what the light map's windows cover
-  double energy = 1.0;  ///< of the map's light: what comes from there; 1 for a black map
-};
 
 struct EnvironmentLight {
   LightMap light;

@@ -3,18 +3,9 @@
 #include <Eigen/Core>
 
 #include "core/light/light_map.h"
+#include "refield/relight.h"
 
 namespace refield {
-
-/// A clear sky over level ground.
-struct SkyOptions {
-  double turbidity = 3.0;        ///< haze: 2 a clear day in the mountains, 3 clear, 6 hazy
-  double latitude_degrees = 45;  ///< of the place, which decides how high the sun climbs
-  int width = 1024;              ///< of the map, even
-
-  /// Throws InputError naming the option and its range.
-  void check() const;
-};
 
 /// Where the sun stands when the share `done` (0 to 1) of an equinox day from sunrise to sunset is over.
 /// South is ahead (+Z): it rises at the left edge of the view (−X), stands over its middle at noon, and sets

@@ -233,9 +233,9 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
   // Without a mesh the outputs themselves.
   field.mesh.reset();
   FieldPictures pictures(field);
-  EXPECT_LT(relative_rmse(pictures.picture(TurnedEnvironment{environment, turn}, 0), expected), float_error);
+  EXPECT_LT(relative_rmse(pictures.picture(SceneEnvironment{environment, turn}, 0), expected), float_error);
   pictures.lay_out(RelightPrecision::fine);
-  EXPECT_LT(relative_rmse(pictures.picture(TurnedEnvironment{environment, turn}, 0), expected), fine_error);
+  EXPECT_LT(relative_rmse(pictures.picture(SceneEnvironment{environment, turn}, 0), expected), fine_error);
   EXPECT_LT(relative_rmse(pictures.picture(map, 0), expected), fine_error);
 }
 
