@@ -1,26 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "estimate/estimate.h"
+#include "refield/estimate.h"
 
-#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "cli/common/options.h"
-#include "cli/estimate_options.h"
-#include "cli/run_context.h"
-#include "cli/verbs.h"
-#include "core/base/errors.h"
-#include "core/base/files.h"
-#include "core/base/json_text.h"
-#include "core/base/number_text.h"
-#include "core/base/output_lock.h"
-#include "core/field/drift.h"
-#include "core/field_io/reflectance_field_file.h"
-#include "core/image/image_io.h"
-#include "estimate/rig/rig_model.h"
-#include "estimate/rig/verdict.h"
-#include "relight/held_out.h"
+#include "common/options.h"
+#include "estimate_options.h"
+#include "refield/compare.h"
+#include "run_context.h"
+#include "verbs.h"
 
 namespace refield::cli {
 
@@ -36,10 +25,8 @@ struct EstimateArguments : EstimationArguments {
 };
 
 /// "A:B", "A:", ":B", or "I/N": the I-th of N shards, from 1.
-RowRange rows_from_text(const std::string& text, const CaptureSession& session,
-                        const EstimateOptions& options) {
-  const ImageHeader photograph = read_image_header(session.frames.front().observed);
-  const int height = photograph.height;
+RowRange rows_from_text(const std::string& text, const Session& session, const EstimateOptions& options) {
+  const int height = session.height();
   const auto mark = text.find_first_of(":/");
   const bool is_shard = mark != std::string::npos && text[mark] == '/';
   const auto number = [&](const std::string& digits, int if_empty) {
@@ -53,106 +40,13 @@ RowRange rows_from_text(const std::string& text, const CaptureSession& session,
   const int first = number(mark == std::string::npos ? "no mark" : text.substr(0, mark), 0);
   const int second = number(text.substr(mark + 1), height);
   if (!is_shard) return {first, second};
-  if (first < 1 || first > second || second > height)
-    throw InputError("--rows " + text +
-                     ": the shard does not exist; give I/N with I from 1 to N, and N at most the " +
-                     std::to_string(height) + " rows of the image");
-  return rows_of_shard(first, second, photograph, options);
+  return rows_of_shard(session, first, second, options);
 }
 
-nlohmann::ordered_json plan_figures(const EstimateArguments& arguments, const EstimatePlan& plan) {
-  return {{"mode", arguments.mode},
-          {"kernels", arguments.options.kernels},
-          {"images", plan.images},
-          {"threads", plan.threads},
-          {"rows", {plan.rows.first, plan.rows.last}},
-          {"bands", plan.bands},
-          {"rows_per_band", plan.band_rows},
-          {"estimated_memory_bytes", plan.memory_bytes}};
-}
-
-/// What was found about the frames, for the log.
-nlohmann::ordered_json frame_figures(const FrameReport& report) {
-  static constexpr const char* kinds[] = {"brightness", "light", "region"};
-  const auto list = [](const std::vector<LeftOutFrame>& frames) {
-    nlohmann::ordered_json result = nlohmann::ordered_json::array();
-    for (const LeftOutFrame& frame : frames)
-      result.push_back({{"frame", frame.name},
-                        {"why", frame.why},
-                        {"kind", kinds[static_cast<int>(frame.found.kind)]},
-                        {"residual", frame.found.residual},
-                        {"times_typical", frame.found.times_typical},
-                        {"share_of_picture", frame.found.share}});
-    return result;
-  };
-  nlohmann::ordered_json figures = {{"left_out", list(report.left_out)}};
-  if (!report.doubtful.empty()) figures["doubtful"] = list(report.doubtful);
-  if (!report.drift.points.empty()) {
-    nlohmann::ordered_json points = nlohmann::ordered_json::array();
-    for (const DriftPoint& point : report.drift.points)
-      points.push_back({{"frame", point.frame},
-                        {"order", point.order},
-                        {"gain", point.gain},
-                        {"uncertainty", point.uncertainty},
-                        {"used", point.used}});
-    figures["drift"] = {{"removed", report.drift.significant},
-                        {"largest_change", report.drift.largest},
-                        {"reference_frames", points}};
-  }
-  if (!report.rig.findings.empty() || !report.rig.model.is_identity())
-    figures["rig"] = nlohmann::ordered_json::parse(rig_text(report.rig.model));
-  if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
-  return figures;
-}
-
-nlohmann::ordered_json more_images_figures(int images, const EstimateSummary& summary) {
-  const auto& points = summary.learning_curve;
-  const LearningCurve curve(points, summary.median_photograph_noise.value_or(0.0));
-  auto measured = nlohmann::ordered_json::array();
-  for (const LearningPoint& point : points)
-    measured.push_back({{"images", std::lround(point.share * images)}, {"error", point.error}});
-  return {{"measured", measured},
-          {"error_now", curve.error_at(1.0)},
-          {"error_with_twice_the_images", curve.error_at(2.0)},
-          {"advice", curve.advice()}};
-}
-
-nlohmann::ordered_json log_of(const EstimateArguments& arguments, const EstimateSummary& summary) {
-  nlohmann::ordered_json log = {
-      {"stage", "estimate"}, {"field", arguments.output}, {"version", REFIELD_VERSION}};
-  log.update(plan_figures(arguments, summary.plan));
-  log.update({{"resumed_bands", summary.resumed_bands},
-              {"seconds", summary.seconds},
-              {"peak_memory_bytes", summary.peak_memory_bytes},
-              {"mean_kernels", summary.mean_kernels},
-              {"median_training_error", summary.median_training_error}});
-  log.update(frame_figures(summary.frames));
-  const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
-  log["check"] = nlohmann::ordered_json::parse(verdict_json(verdict));
-  const std::string unexplained = unexplained_error(
-      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
-  if (!unexplained.empty()) log["unexplained_error"] = unexplained;
-  if (summary.median_predicted_error)
-    log.update({{"median_predicted_error", *summary.median_predicted_error},
-                {"median_photograph_noise", *summary.median_photograph_noise}});
-  if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
-      curve.known())
-    log["more_images"] = more_images_figures(summary.plan.images, summary);
-  return log;
-}
-
-void dry_run(const EstimateArguments& arguments, const CaptureSession& session, const Common& common) {
-  const CostEstimate cost = estimate_cost(session, arguments.options, run_context());
-  auto figures = plan_figures(arguments, cost.plan);
-  figures.update({{"estimated_seconds", cost.seconds()},
-                  {"estimated_seconds_lights", cost.lights_seconds},
-                  {"estimated_seconds_photographs", cost.photographs_seconds},
-                  {"estimated_seconds_fit", cost.fit_seconds},
-                  {"estimated_seconds_frame_check", cost.check_seconds},
-                  {"sampled_pixels", cost.sampled_pixels}});
-  figures.update(frame_figures(cost.frames));
+void dry_run(const EstimateArguments& arguments, const Session& session, const Common& common) {
+  const EstimateCost cost = estimate_cost(session, arguments.options, run_context());
   if (common.json) {
-    print_json(figures);
+    print_json(nlohmann::ordered_json::parse(cost.log));
     return;
   }
   const EstimatePlan& plan = cost.plan;
@@ -169,62 +63,35 @@ void dry_run(const EstimateArguments& arguments, const CaptureSession& session, 
 }
 
 void announce(const EstimateArguments& arguments, const EstimatePlan& plan) {
-  run_context().note(
-      formatted("estimate: %d images, rows %d to %d, %d bands of %d, %d threads, needs %.1f GiB of the %.1f "
+  char text[256];
+  std::snprintf(text, sizeof text,
+                "estimate: %d images, rows %d to %d, %d bands of %d, %d threads, needs %.1f GiB of the %.1f "
                 "GiB allowed",
                 plan.images, plan.rows.first, plan.rows.last - 1, plan.bands, plan.band_rows, plan.threads,
-                plan.memory_bytes / gib, arguments.memory_gib));
+                plan.memory_bytes / gib, arguments.memory_gib);
+  run_context().note(text);
 }
 
 /// Errors on what --hold-out kept away from the estimate; nothing without it, or where only rows are there.
-std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, CaptureSession session) {
+std::vector<HeldOutError> held_out_of(const EstimateArguments& arguments, const Session& session) {
   if (arguments.capture.hold_out == 0 || arguments.options.rows) return {};
-  if (session.folder.empty()) check_image_sizes(session);
-  if (!arguments.options.keep_drift) remove_drift(session, run_context());
-  const ReflectanceField field = read_image_field(arguments.output, run_context());
-  correct_held_out(field.provenance, session);
-  return held_out_errors(field, session, nullptr, FrameRole::test, 1.0, run_context());
+  return compare(Field(arguments.output, run_context()), session, nullptr, 1.0, run_context());
 }
 
-void run(EstimateArguments arguments, const Common& common) {
-  const CaptureSession session = open_estimation(arguments).internal();
-  if (!arguments.rows.empty())
-    arguments.options.rows = rows_from_text(arguments.rows, session, arguments.options);
-  if (arguments.dry_run) return dry_run(arguments, session, common);
-  if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
-  const CaptureOptions& capture = arguments.capture;
-  const OutputLock lock(arguments.output, {capture.session, capture.light, capture.observed, capture.mask},
-                        ".rfield");
-  const EstimateSummary summary =
-      estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context(),
-                       [&](const EstimatePlan& plan) { announce(arguments, plan); });
-  auto log = log_of(arguments, summary);
-  const auto held_out = held_out_of(arguments, session);
-  if (!held_out.empty())
-    log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};
-  write_text_atomically(arguments.output + ".log.json", json_text(log, 2) + "\n");
-  if (common.json) {
-    print_json(log);
-    return;
-  }
+void print(const EstimateArguments& arguments, const EstimateReport& report,
+           const std::vector<HeldOutError>& held_out) {
   std::printf("%s: %.1f kernels per pixel, training error %.4f (median), %.1f s, %.2f GiB\n",
-              arguments.output.c_str(), summary.mean_kernels, summary.median_training_error, summary.seconds,
-              summary.peak_memory_bytes / gib);
-  if (summary.median_predicted_error)
+              arguments.output.c_str(), report.mean_kernels, report.median_training_error, report.seconds,
+              report.peak_memory_bytes / gib);
+  if (report.median_predicted_error)
     std::printf("predicted error on new photographs %.4f (median), of which photograph noise %.4f\n",
-                *summary.median_predicted_error, *summary.median_photograph_noise);
-  const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
-  if (verdict.state() != RigFinding::State::good) std::printf("%s", verdict_table(verdict).c_str());
-  const std::string unexplained = unexplained_error(
-      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
-  if (!unexplained.empty())
-    std::printf("%s\n", unexplained.c_str());
-  else if (const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
-           curve.known())
-    std::printf("%s\n", curve.advice().c_str());
-  if (!summary.frames.left_out.empty())
-    std::printf("left out because they do not fit the other photographs: %s\n",
-                listed(summary.frames.left_out, summary.frames.left_out.size(), &LeftOutFrame::name).c_str());
+                *report.median_predicted_error, *report.median_photograph_noise);
+  std::printf("%s", report.verdict.c_str());
+  if (!report.advice.empty()) std::printf("%s\n", report.advice.c_str());
+  std::string left_out;
+  for (const std::string& name : report.left_out) left_out += (left_out.empty() ? "" : ", ") + name;
+  if (!left_out.empty())
+    std::printf("left out because they do not fit the other photographs: %s\n", left_out.c_str());
   if (!held_out.empty()) {
     std::printf("error on the images excluded by --hold-out %d:\n", arguments.capture.hold_out);
     print_errors(held_out);
@@ -233,6 +100,26 @@ void run(EstimateArguments arguments, const Common& common) {
         "a shard is not compared with photographs; after 'refield merge', 'refield compare' prints the "
         "error\n");
   }
+}
+
+void run(EstimateArguments arguments, const Common& common) {
+  const Session session = open_estimation(arguments);
+  if (!arguments.rows.empty())
+    arguments.options.rows = rows_from_text(arguments.rows, session, arguments.options);
+  if (arguments.dry_run) return dry_run(arguments, session, common);
+  if (arguments.output.empty()) throw InputError("--output is missing; add -o NAME.rfield");
+  const EstimateReport report =
+      estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context(),
+                       [&](const EstimatePlan& plan) { announce(arguments, plan); });
+  auto log = nlohmann::ordered_json::parse(report.log);
+  const auto held_out = held_out_of(arguments, session);
+  if (!held_out.empty())
+    log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};
+  write_json(arguments.output + ".log.json", log);
+  if (common.json)
+    print_json(log);
+  else
+    print(arguments, report, held_out);
 }
 
 }  // namespace
@@ -293,7 +180,7 @@ Session open_estimation(EstimationArguments& arguments) {
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
   arguments.options.keep_rig = arguments.options.keep_drift = arguments.rig == "off";
   if (arguments.rig != "off" && arguments.rig != "auto")
-    arguments.options.rig = std::make_shared<const RigModel>(read_rig(arguments.rig));
+    arguments.options.rig = rig_model(std::filesystem::path(arguments.rig));
   Session session = open_capture(arguments.capture);
   if (!arguments.placements.empty()) session.set_monitors(placements_from_texts(arguments.placements));
   return session;

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "cli/common/options.h"
-#include "estimate/options.h"
+#include "common/options.h"
+#include "refield/estimate.h"
 
 namespace refield::cli {
 

@@ -41,29 +41,8 @@ struct FrameReport {
   std::vector<double> residuals_before, residuals;
 };
 
-/// What an estimation will need, known before it starts.
-struct EstimatePlan {
-  int images = 0;
-  int threads = 0;
-  RowRange rows;      ///< of the picture
-  int band_rows = 0;  ///< rows estimated at a time
-  int held_rows = 0;  ///< rows of photographs held at a time, with those beyond the bands that bands share
-  int bands = 0;
-  std::uint64_t memory_bytes = 0;  ///< estimated peak
-};
-
-/// What an estimation did.
-struct EstimateSummary {
-  EstimatePlan plan;
+struct EstimateSummary : EstimateReport {
   FrameReport frames;
-  int resumed_bands = 0;  ///< found finished on disk
-  double seconds = 0.0;
-  std::uint64_t peak_memory_bytes = 0;  ///< resident, of the whole process
-  double mean_kernels = 0.0;            ///< non-zero kernels per pixel
-  double median_training_error = 0.0;   ///< relative RMSE over the training images
-  std::optional<double>
-      median_predicted_error;  ///< relative RMSE expected on new photographs, where predicted
-  std::optional<double> median_photograph_noise;
   std::vector<LearningPoint> learning_curve;  ///< error against the share of the images, where measured
 };
 
@@ -71,41 +50,26 @@ struct EstimateSummary {
 EstimatePlan plan_estimate(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run = {});
 
-/// Rows of the `shard`-th of `shards` shards, from 1, of about equal height. They are cut where the fewest
-/// stored blocks of photographs like `photograph` are read by two shards: rows that a shard needs beyond its
-/// own lie in the block of the cut. Blocks too high for that number of shards are cut anywhere.
+/// See refield/estimate.h, of a session with photographs like `photograph`; blocks too high for that number
+/// of shards are cut anywhere.
 RowRange rows_of_shard(int shard, int shards, const ImageHeader& photograph, const EstimateOptions& options);
 
 /// The file in which the shards of one folder share the check of frames.
 inline constexpr const char* frame_check_name = "frame-check.json";
 
-/// What an estimation would take, measured on a sample of it: `refield estimate --dry-run`.
-struct CostEstimate {
-  EstimatePlan plan;
+struct CostEstimate : EstimateCost {
   FrameReport frames;
-  double check_seconds = 0.0;        ///< comparing the frames with each other
-  double lights_seconds = 0.0;       ///< reading all lights and building their table
-  double photographs_seconds = 0.0;  ///< reading all bands of all photographs
-  double fit_seconds = 0.0;
-  int sampled_pixels = 0;  ///< that were fitted to find out
   /// Content of the file `frame_check_name` in the folder of shards, which saves them the check.
   std::string frame_check;
-  double seconds() const { return check_seconds + lights_seconds + photographs_seconds + fit_seconds; }
 };
 
-/// Checks options and all input as estimate_to_file() does (the header of every image, the values of every
-/// light, the values of the photographs' rows that the sample reads) and measures on this machine what the
-/// work costs: reads all lights, some rows of all photographs, and fits tiles of pixels spread over the
-/// picture for about two seconds. Writes nothing. Throws InputError for input that cannot be estimated from.
+/// See refield/estimate.h.
 CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions& options,
                            const RunContext& run);
 
-/// Estimates the reflectance field of a session's training frames into `output` (.rfield), out of core by
-/// bands of rows; with options.rows set, those rows into a part (core/field_io/field_shard.h). The check of
-/// frames is made once for all parts of a folder, which share it as `frame_check_name`. Finished bands are
-/// kept in the folder `output`.partial; with `resume` they are taken over, and the result is the same bit for
-/// bit. `announce` is told the plan before the work begins. Throws Interrupted between units of work when
-/// asked to stop. Source: Matusik et al. 2004, sections 3 to 5.
+/// See refield/estimate.h; of the report, the texts are left out. Parts of a field
+/// (core/field_io/field_shard.h) share the check of frames as `frame_check_name`. Source: Matusik et al.
+/// 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
                                  const std::filesystem::path& output, bool resume, const RunContext& run = {},
                                  const std::function<void(const EstimatePlan&)>& announce = {});

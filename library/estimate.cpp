@@ -3,14 +3,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
+#include "core/base/json_text.h"
+#include "core/base/output_lock.h"
 #include "core/field/drift.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/rig/rig_model.h"
+#include "estimate/rig/verdict.h"
 #include "library/data.h"
 #include "refield/compare.h"
 #include "refield/estimate.h"
@@ -28,6 +32,10 @@ std::shared_ptr<const RigModel> v0_2::rig_model(const std::string& text, const s
   return std::make_shared<const RigModel>(rig_from_text(text, name));
 }
 
+std::shared_ptr<const RigModel> v0_2::rig_model(const std::filesystem::path& file) {
+  return std::make_shared<const RigModel>(read_rig(file));
+}
+
 Field v0_2::estimate(const Session& session, const EstimateOptions& options, const RunContext& run) {
   options.check();
   return guarded(run, [&] { return public_field(estimate_field(session.internal(), options, run)); });
@@ -42,6 +50,144 @@ Field v0_2::estimate(const CaptureArrays& capture, const EstimateOptions& option
     field.monitors = capture.monitors;
     return public_field(std::move(field));
   });
+}
+
+// ---- estimation into a file
+
+namespace {
+
+using nlohmann::ordered_json;
+
+ordered_json plan_figures(const EstimateOptions& options, const EstimatePlan& plan) {
+  return {{"mode", name_of(options.mode)},
+          {"kernels", options.kernels},
+          {"images", plan.images},
+          {"threads", plan.threads},
+          {"rows", {plan.rows.first, plan.rows.last}},
+          {"bands", plan.bands},
+          {"rows_per_band", plan.band_rows},
+          {"estimated_memory_bytes", plan.memory_bytes}};
+}
+
+/// What was found about the frames, for the log.
+ordered_json frame_figures(const FrameReport& report) {
+  static constexpr const char* kinds[] = {"brightness", "light", "region"};
+  const auto list = [](const std::vector<LeftOutFrame>& frames) {
+    ordered_json result = ordered_json::array();
+    for (const LeftOutFrame& frame : frames)
+      result.push_back({{"frame", frame.name},
+                        {"why", frame.why},
+                        {"kind", kinds[static_cast<int>(frame.found.kind)]},
+                        {"residual", frame.found.residual},
+                        {"times_typical", frame.found.times_typical},
+                        {"share_of_picture", frame.found.share}});
+    return result;
+  };
+  ordered_json figures = {{"left_out", list(report.left_out)}};
+  if (!report.doubtful.empty()) figures["doubtful"] = list(report.doubtful);
+  if (!report.drift.points.empty()) {
+    ordered_json points = ordered_json::array();
+    for (const DriftPoint& point : report.drift.points)
+      points.push_back({{"frame", point.frame},
+                        {"order", point.order},
+                        {"gain", point.gain},
+                        {"uncertainty", point.uncertainty},
+                        {"used", point.used}});
+    figures["drift"] = {{"removed", report.drift.significant},
+                        {"largest_change", report.drift.largest},
+                        {"reference_frames", points}};
+  }
+  if (!report.rig.findings.empty() || !report.rig.model.is_identity())
+    figures["rig"] = ordered_json::parse(rig_text(report.rig.model));
+  if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
+  return figures;
+}
+
+ordered_json more_images_figures(int images, const std::vector<LearningPoint>& points,
+                                 const LearningCurve& curve) {
+  auto measured = ordered_json::array();
+  for (const LearningPoint& point : points)
+    measured.push_back({{"images", std::lround(point.share * images)}, {"error", point.error}});
+  return {{"measured", measured},
+          {"error_now", curve.error_at(1.0)},
+          {"error_with_twice_the_images", curve.error_at(2.0)},
+          {"advice", curve.advice()}};
+}
+
+/// Fills in the texts of a report.
+void tell(EstimateSummary& summary, const std::filesystem::path& file, const EstimateOptions& options) {
+  ordered_json log = {{"stage", "estimate"}, {"field", file.string()}, {"version", REFIELD_VERSION}};
+  log.update(plan_figures(options, summary.plan));
+  log.update({{"resumed_bands", summary.resumed_bands},
+              {"seconds", summary.seconds},
+              {"peak_memory_bytes", summary.peak_memory_bytes},
+              {"mean_kernels", summary.mean_kernels},
+              {"median_training_error", summary.median_training_error}});
+  log.update(frame_figures(summary.frames));
+  for (const LeftOutFrame& frame : summary.frames.left_out) summary.left_out.push_back(frame.name);
+  const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
+  if (verdict.state() != RigFinding::State::good) summary.verdict = verdict_table(verdict);
+  log["check"] = ordered_json::parse(verdict_json(verdict));
+  const std::string unexplained = unexplained_error(
+      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
+  if (!unexplained.empty()) log["unexplained_error"] = unexplained;
+  if (summary.median_predicted_error)
+    log.update({{"median_predicted_error", *summary.median_predicted_error},
+                {"median_photograph_noise", *summary.median_photograph_noise}});
+  const LearningCurve curve(summary.learning_curve, summary.median_photograph_noise.value_or(0.0));
+  if (curve.known())
+    log["more_images"] = more_images_figures(summary.plan.images, summary.learning_curve, curve);
+  summary.advice = !unexplained.empty() ? unexplained : curve.known() ? curve.advice() : "";
+  summary.log = json_text(log, 2);
+}
+
+/// What an output must not replace.
+std::vector<std::filesystem::path> inputs_of(const CaptureSession& session) {
+  std::vector<std::filesystem::path> inputs = {session.folder, session.mask.value_or("")};
+  if (session.folder.empty())
+    for (const CaptureFrame& frame : session.frames)
+      inputs.insert(inputs.end(), {frame.illumination, frame.observed});
+  return inputs;
+}
+
+}  // namespace
+
+EstimateReport v0_2::estimate_to_file(const Session& session, const EstimateOptions& options,
+                                      const std::filesystem::path& file, bool resume, const RunContext& run,
+                                      const std::function<void(const EstimatePlan&)>& announce) {
+  options.check();
+  return guarded(run, [&]() -> EstimateReport {
+    const OutputLock lock(file, inputs_of(session.internal()), ".rfield");
+    EstimateSummary summary = estimate_to_file(session.internal(), options, file, resume, run, announce);
+    tell(summary, file, options);
+    return summary;
+  });
+}
+
+EstimateCost v0_2::estimate_cost(const Session& session, const EstimateOptions& options,
+                                 const RunContext& run) {
+  options.check();
+  return guarded(run, [&]() -> EstimateCost {
+    CostEstimate cost = estimate_cost(session.internal(), options, run);
+    ordered_json figures = plan_figures(options, cost.plan);
+    figures.update({{"estimated_seconds", cost.seconds()},
+                    {"estimated_seconds_lights", cost.lights_seconds},
+                    {"estimated_seconds_photographs", cost.photographs_seconds},
+                    {"estimated_seconds_fit", cost.fit_seconds},
+                    {"estimated_seconds_frame_check", cost.check_seconds},
+                    {"sampled_pixels", cost.sampled_pixels}});
+    figures.update(frame_figures(cost.frames));
+    cost.log = json_text(figures, 2);
+    return cost;
+  });
+}
+
+RowRange v0_2::rows_of_shard(const Session& session, int shard, int shards, const EstimateOptions& options) {
+  if (shard < 1 || shard > shards || shards > session.height())
+    throw InputError("--rows " + std::to_string(shard) + "/" + std::to_string(shards) +
+                     ": the shard does not exist; give I/N with I from 1 to N, and N at most the " +
+                     std::to_string(session.height()) + " rows of the image");
+  return rows_of_shard(shard, shards, read_image_header(session.frame(0).observed), options);
 }
 
 // ---- comparison

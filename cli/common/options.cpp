@@ -12,6 +12,7 @@
 #include "acquire/import/bracket_merge.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
+#include "core/base/files.h"
 #include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
@@ -255,6 +256,10 @@ void print_figures(const ordered_json& figures, int indent) {
 
 void print_json(const nlohmann::ordered_json& figures) {
   printed = figures;
+}
+
+void write_json(const std::filesystem::path& path, const nlohmann::ordered_json& figures) {
+  write_text_atomically(path, json_text(figures, 2) + "\n");
 }
 
 void finish_json(const std::string& kind, const std::string& message) {

@@ -39,6 +39,9 @@ void require_finite_numbers(CLI::App& app);
 /// Prints the results of a verb under --json: once the verb has ended, see finish_json().
 void print_json(const nlohmann::ordered_json& figures);
 
+/// Writes a file of JSON, atomically.
+void write_json(const std::filesystem::path& path, const nlohmann::ordered_json& figures);
+
 /// A file's text as it may go to a terminal: control characters, which could move the cursor or worse, and
 /// bytes that are not UTF-8 as their numbers.
 std::string printable(const std::string& text);
