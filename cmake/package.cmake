@@ -25,7 +25,6 @@ install(FILES "${manual}/_refield" DESTINATION share/zsh/vendor-completions COMP
 # The viewer and fields on the desktop.
 install(FILES cmake/package/refield-view.desktop DESTINATION share/applications COMPONENT program)
 install(FILES cmake/package/refield.xml DESTINATION share/mime/packages COMPONENT program)
-install(FILES cmake/package/refield.thumbnailer DESTINATION share/thumbnailers COMPONENT program)
 install(FILES cmake/package/refield.svg DESTINATION share/icons/hicolor/scalable/apps COMPONENT program)
 
 # The documents and scenes that the help and the man pages name.
@@ -117,7 +116,7 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS "${PROJECT_BINARY_DIR}/library")
 set(CPACK_CMAKE_GENERATOR Ninja)
 set(CPACK_INSTALL_CMAKE_PROJECTS "${PROJECT_BINARY_DIR};refield;ALL;/")
 set(CMAKE_SKIP_INSTALL_ALL_DEPENDENCY ON)
-add_custom_target(packaged DEPENDS manual refield_image_formats_module refield-reader refield-thumbnailer refield_shared)
+add_custom_target(packaged DEPENDS manual refield_image_formats_module refield-reader refield_shared)
 if(TARGET refield_python)
   add_dependencies(packaged refield_python)
 endif()
