@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <bit>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -33,7 +31,6 @@ struct ExportWebOptions {
   fs::path output;
   std::vector<std::string> environments;
   std::vector<std::string> placements;
-  int finest = 1;
 };
 
 /// Maps of all directions in the form that a page takes: of the field's own kind as the field sees them, for
@@ -63,35 +60,24 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
   return maps;
 }
 
-/// The field that a page holds, and the stride of its pixels. Of a large field, whence tiles are read.
-struct PageField {
-  ReflectanceField field;
-  int stride = 1;
-  std::unique_ptr<const FieldSampler> large;
-};
-
-/// Of a field that is too large for a browser, every n-th pixel: the mean of 6 × 6 pixels has 13 times as
+/// The field that a page holds, and the stride of its pixels: of one that is too large for a browser, every
+/// n-th pixel, since the mean of 6 × 6 pixels has 13 times as
 /// many kernels as one of them (304 and 23 in an estimated field), so the page could hold fewer pixels.
-PageField read_page_field(const fs::path& path) {
-  auto large = FieldSampler::open(path, run_context());
-  if (!large) return {read_reflectance_field(path, run_context()), 1, nullptr};
+std::pair<ReflectanceField, int> read_page_field(const fs::path& path) {
+  const auto large = FieldSampler::open(path, run_context());
+  if (!large) return {read_reflectance_field(path, run_context()), 1};
   constexpr double max_weights = 4096.0 * 4096.0;  // a texture that every browser has
   const double pixels = static_cast<double>(large->outline().width) * large->outline().height;
-  PixelGrid grid = large->whole_image(
+  const PixelGrid grid = large->whole_image(
       static_cast<std::int64_t>(max_weights * pixels / static_cast<double>(large->entries())));
-  grid.stride = static_cast<int>(std::bit_ceil(static_cast<unsigned>(grid.stride)));
-  ReflectanceField field = large->read(grid, run_context());
-  return {std::move(field), grid.stride, std::move(large)};
+  return {large->read(grid, run_context()), grid.stride};
 }
 
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
     throw InputError(options.output.string() + ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
-  if (!std::has_single_bit(static_cast<unsigned>(options.finest)))
-    throw InputError("--finest " + std::to_string(options.finest) +
-                     ": must be a power of two (1, 2, 4, ...)");
-  auto [field, stride, large] = read_page_field(options.field);
+  auto [field, stride] = read_page_field(options.field);
   if (!options.placements.empty()) {
     field.monitors = placements_from_texts(options.placements);
     check_placements(field.monitors, field.basis.domain, "--placement");
@@ -99,13 +85,10 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   const std::string title = options.field.stem().string();
   const web::ExportReport report = web::export_page(
       field, title, options.output,
-      options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field),
-      large ? std::optional(web::PageDetail{*large, stride, options.finest}) : std::nullopt, run_context());
-  const int finest = std::min(stride, options.finest);
+      options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field), run_context());
   if (common.json) {
     print_json(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
                                       {"stride", stride},
-                                      {"finest_stride", finest},
                                       {"files", report.files},
                                       {"bytes", report.bytes},
                                       {"relative_rmse", report.relative_rmse},
@@ -116,9 +99,8 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,
               report::bytes_text(static_cast<double>(report.bytes)).c_str());
   if (stride > 1)
-    std::printf("the field is too large for a browser: the page starts with 1 of %d×%d pixels, %d×%d%s\n",
-                stride, stride, field.width, field.height,
-                finest < stride ? ", and loads others where it is enlarged" : "");
+    std::printf("the field is too large for a browser: the page shows 1 of %d×%d pixels, %d×%d\n", stride,
+                stride, field.width, field.height);
   std::printf(
       "rounding error under white light and four bars: relative RMSE %.2g, at most %d of 255 levels after "
       "tone mapping\n",
@@ -147,12 +129,6 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                    "offers. If the field was "
                    "captured with a monitor, it is shown through the window of the monitor");
   add_placement_option(*verb, options->placements, "Replaces that of the field.");
-  verb->add_option(
-          "--finest", options->finest,
-          "Export one of N×N pixels of a field that is too large for one picture of the page; 1 exports "
-          "all, about half the bytes of the field")
-      ->check(positive_number())
-      ->capture_default_str();
   verb->callback(
       [options, &common, &action] { action = [options, &common] { export_web(*options, common); }; });
 }

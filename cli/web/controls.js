@@ -66,17 +66,14 @@ const controls = (() => {
     });
     for (const type of ['pointerup', 'pointercancel']) canvas.addEventListener(type, () => { dragged = null; });
     Viewer.element('scene').addEventListener('click', (event) => {
-      if (!viewer.dragged) viewer.pick(...pixelAt(event, viewer.field));
+      viewer.pick(...pixelAt(event, viewer.field));
     });
   }
 
-  /// One pointer orbits, or pans with Shift or the right button; two pan and approach. Nothing orbits a flat picture: it pans.
+  /// One pointer orbits, or pans with Shift or the right button; two pan and approach.
   function connectCamera(viewer) {
-    const canvas = Viewer.element('scene'), pointers = new Map(), degreesPerPicture = 360, degreesPerKey = 5, pixelsPerKey = 40;
-    const isMesh = viewer.field.mesh !== undefined, stillPixels = 4;
-    canvas.setAttribute('aria-label', isMesh ?
-        'The mesh under the light; drag or press arrow keys to orbit, plus and minus to approach' :
-        'The scene under the light; drag or press arrow keys to pan, plus and minus to enlarge; click a pixel to see its kernels');
+    const canvas = Viewer.element('scene'), pointers = new Map(), degreesPerPicture = 360, degreesPerKey = 5;
+    canvas.setAttribute('aria-label', 'The mesh under the light; drag or press arrow keys to orbit, plus and minus to approach');
     canvas.classList.add('orbit');
     const middle = () => {
       const all = [...pointers.values()], sum = (key) => all.reduce((total, at) => total + at[key], 0) / all.length;
@@ -85,21 +82,17 @@ const controls = (() => {
     const moved = (before, now, pans) => viewer.moveCamera((camera) => {
       const {width, height} = canvas.getBoundingClientRect(), pixels = Math.max(viewer.field.width / width, viewer.field.height / height);
       const right = now.x - before.x, down = now.y - before.y;
-      if (pans || !isMesh) camera.pan(right * pixels, down * pixels);
+      if (pans) camera.pan(right * pixels, down * pixels);
       else camera.orbit(-right * degreesPerPicture / width, down * degreesPerPicture / width);
-      if (before.spread > 0 && now.spread > 0) camera.approach(now.spread / before.spread, pixelAt({target: canvas, clientX: now.x, clientY: now.y}, viewer.field));
+      if (before.spread > 0 && now.spread > 0) camera.approach(now.spread / before.spread);
     });
-    let start = {x: 0, y: 0};
     canvas.addEventListener('pointerdown', (event) => {
       canvas.setPointerCapture(event.pointerId);
-      start = {x: event.clientX, y: event.clientY};
-      viewer.dragged = pointers.size > 0;
       pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
     });
     canvas.addEventListener('pointermove', (event) => {
       if (!pointers.has(event.pointerId)) return;
       const before = middle();
-      viewer.dragged ||= Math.hypot(event.clientX - start.x, event.clientY - start.y) > stillPixels;
       pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
       moved(before, middle(), pointers.size > 1 || event.shiftKey || (event.buttons & 2) !== 0);
     });
@@ -108,7 +101,7 @@ const controls = (() => {
     canvas.addEventListener('wheel', (event) => {
       event.preventDefault();
       const lines = event.deltaMode === 0 ? event.deltaY / 100 : event.deltaY / 3;
-      viewer.moveCamera((camera) => camera.approach(1.1 ** -lines, pixelAt(event, viewer.field)));
+      viewer.moveCamera((camera) => camera.approach(1.1 ** -lines));
     }, {passive: false});
     canvas.addEventListener('keydown', (event) => {
       const turn = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[event.key];
@@ -117,8 +110,7 @@ const controls = (() => {
       event.preventDefault();
       viewer.moveCamera((camera) => {
         if (factor) camera.approach(factor);
-        else if (isMesh) camera.orbit(turn[0] * degreesPerKey, turn[1] * degreesPerKey);
-        else camera.pan(-turn[0] * pixelsPerKey, turn[1] * pixelsPerKey);
+        else camera.orbit(turn[0] * degreesPerKey, turn[1] * degreesPerKey);
       });
     });
     addEventListener('keydown', (event) => {

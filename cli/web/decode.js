@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The field's data come as scripts, since pages opened from disk may not fetch files: data.js describes the arrays, each
-// data-NNN.js hands over a part of one, and each data-tile-STRIDE-COLUMN-ROW.js a tile of the picture.
+// data-NNN.js hands over a part of one.
 'use strict';
 
 const refield = (() => {
   let description = null;
   let received = null;
-  const receivedTiles = new Map();
 
   function loadScript(name) {
     return new Promise((resolve, reject) => {
@@ -100,27 +99,10 @@ const refield = (() => {
     return {width, height, values: values.map((value) => scale * value)};
   }
 
-  /// A part of the picture at a finer stride, as a field of its own under the same lights.
-  async function loadTile(name) {
-    await loadScript(`data-tile-${name}.js`);
-    const {described: {arrays, ...rest}, parts} = receivedTiles.get(name);
-    receivedTiles.delete(name);
-    const tile = {...rest, light: description.light, hats: description.hats, exponentOffset: rest.exponent_offset};
-    for (const [i, array] of Object.keys(arrays).entries()) {
-      const reader = new ArrayReader(arrays[array]);
-      await reader.add(parts[i]);
-      tile[array] = reader.finish();
-    }
-    tile.starts = startsOf(tile.counts);
-    return tile;
-  }
-
   return {
     loadField,
     loadMap,
-    loadTile,
     describe: (given) => { description = given; },
     receive: (base64) => { received = base64; },
-    receiveTile: (name, described, ...parts) => { receivedTiles.set(name, {described, parts}); },
   };
 })();

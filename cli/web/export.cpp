@@ -14,7 +14,6 @@
 #include <fstream>
 #include <functional>
 #include <limits>
-#include <mutex>
 #include <new>
 #include <numeric>
 #include <set>
@@ -209,7 +208,7 @@ void require_page_folder(const fs::path& folder) {
   }
 }
 
-/// Writes files into the page's folder, from any thread, and counts them.
+/// Writes files into the page's folder and counts them.
 class PageWriter {
  public:
   explicit PageWriter(fs::path folder) : folder_(std::move(folder)) { create_folders(folder_); }
@@ -217,7 +216,6 @@ class PageWriter {
   void write(const std::string& name, std::string_view content, const RunContext& run) {
     run.throw_if_stopped();
     write_text_atomically(folder_ / name, content);
-    const std::scoped_lock lock(mutex_);
     names_.insert(name);
     bytes_ += content.size();
   }
@@ -235,7 +233,6 @@ class PageWriter {
 
  private:
   fs::path folder_;
-  std::mutex mutex_;
   std::set<std::string> names_;
   std::uint64_t bytes_ = 0;
 };
@@ -478,79 +475,16 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
   return described;
 }
 
-/// A tile as a script that hands it over by its name.
-std::string tile_script(const PackedField& tile, const std::string& name, const RunContext& run) {
-  nlohmann::ordered_json described{
-      {"width", tile.width}, {"height", tile.height}, {"exponent_offset", tile.exponent.offset}};
-  std::string parts;
-  const auto add = [&]<class T>(const char* array, const std::vector<T>& values) {
-    described["arrays"][array] = {{"values", values.size()}, {"bytes", sizeof(T)}};
-    parts += ", " + script_text(shuffled(values, run));
-  };
-  add("counts", tile.counts);
-  add("kernels", tile.kernels);
-  add("weights", tile.weights);
-  add("boxes", corners_of(tile.basis));
-  return "refield.receiveTile('" + name + "', " + json_text(described) + parts + ");\n";
-}
-
-/// Where a tile lies in its level.
-struct TilePlace {
-  int stride = 1;
-  int column = 0;
-  int row = 0;
-};
-
-std::vector<TilePlace> tiles_of(const PageDetail& detail) {
-  const FieldOutline& image = detail.pixels.outline();
-  std::vector<TilePlace> tiles;
-  for (int stride = detail.stride / 2; stride >= detail.finest; stride /= 2)
-    for (int row = 0; row * stride * detail.side < image.height; ++row)
-      for (int column = 0; column * stride * detail.side < image.width; ++column)
-        tiles.push_back({stride, column, row});
-  return tiles;
-}
-
-void write_tile(const PageDetail& detail, const TilePlace& place, PageWriter& page, const RunContext& run) {
-  const FieldOutline& image = detail.pixels.outline();
-  const int size = detail.side * place.stride, x = place.column * size, y = place.row * size;
-  const PixelGrid grid{{x, y, std::min(x + size, image.width), std::min(y + size, image.height)},
-                       place.stride};
-  const std::string name =
-      std::to_string(place.stride) + "-" + std::to_string(place.column) + "-" + std::to_string(place.row);
-  page.write("data-tile-" + name + ".js", tile_script(pack(detail.pixels.read(grid, run), run), name, run),
-             run);
-}
-
-/// Writes all tiles, several at a time, and describes them.
-nlohmann::ordered_json add_tiles(const PageDetail& detail, PageWriter& page, const RunContext& run) {
-  const std::vector<TilePlace> tiles = tiles_of(detail);
-  Progress progress(run, "tiles", tiles.size());
-  tbb::parallel_for(std::size_t{0}, tiles.size(), [&](std::size_t i) {
-    write_tile(detail, tiles[i], page, run);
-    progress.advance();
-  });
-  run.throw_if_stopped();
-  const FieldOutline& image = detail.pixels.outline();
-  return {{"width", image.width},
-          {"height", image.height},
-          {"stride", detail.stride},
-          {"finest", detail.finest},
-          {"side", detail.side}};
-}
-
 }  // namespace
 
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
-                         const std::vector<PageMap>& maps, const std::optional<PageDetail>& detail,
-                         const RunContext& run) {
+                         const std::vector<PageMap>& maps, const RunContext& run) {
   require_page_folder(folder);
   ExportReport report;
   PageWriter page(folder);
   DataWriter data(page);
   auto described = field.mesh ? add_mesh_field(field, title, data, report, run)
                               : add_image_field(field, title, data, report, run);
-  if (detail && detail->finest < detail->stride) described["tiles"] = add_tiles(*detail, page, run);
   described["maps"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();

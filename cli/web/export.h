@@ -3,7 +3,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -11,7 +10,6 @@
 
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
-#include "core/field_io/field_sampler.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
 
@@ -89,16 +87,6 @@ struct PageMap {
   Image radiance;  ///< [height × width × 3]
 };
 
-/// What a page loads where the picture of a field too large for it is enlarged: the tiles of a pyramid, each
-/// level of which has twice as many columns and rows as the one before it. The page's own field is the
-/// coarsest.
-struct PageDetail {
-  const FieldSampler& pixels;
-  int stride = 1;  ///< of the page's own field, which has every n-th pixel in both directions; a power of two
-  int finest = 1;  ///< stride of the last level; a power of two
-  int side = 256;  ///< pixels of a tile: 1.4 million weights of an estimated field, 9 MB
-};
-
 /// Writes a page that relights `field` in a browser (WebGL 2) into `folder`: HTML, style, scripts and data,
 /// for any static server or straight from disk. A field over a mesh is shown from a camera that moves around
 /// it. The page's rounding is measured under white light and four bars, of a mesh in the picture from
@@ -107,7 +95,7 @@ struct PageDetail {
 /// refuses.
 ExportReport export_page(const ReflectanceField& field, const std::string& title,
                          const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},
-                         const std::optional<PageDetail>& detail = {}, const RunContext& run = {});
+                         const RunContext& run = {});
 
 /// One of the page's files, as it stood in cli/web when the program was built.
 struct PageFile {

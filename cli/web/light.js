@@ -203,12 +203,12 @@ const light = (() => {
       this.field = field;
       this.hatCount = field.hats.columns * field.hats.rows;
       this.table = new Float64Array((field.light.width + 1) * (field.light.height + 1) * 3);
-      this.coefficients = Projector.emptyCoefficients(this.hatCount + field.boxes.length / 4);
+      this.coefficients = new Float32Array((Math.ceil((this.hatCount + field.boxes.length / 4) / Projector.width) || 1) * Projector.width * 4);
       if (field.interpolation) this.interpolator = new Interpolator(field.light, field.interpolation);
     }
 
-    projectBoxes(boxes, result) {
-      const n = boxes.length / 4, table = this.table;
+    projectBoxes() {
+      const {boxes} = this.field, n = boxes.length / 4, {table, coefficients: result} = this;
       const stride = (this.field.light.width + 1) * 3;
       for (let k = 0, to = this.hatCount * 4; k < n; ++k, to += 4) {
         const top = boxes[n + k] * stride, bottom = boxes[3 * n + k] * stride;
@@ -246,21 +246,9 @@ const light = (() => {
     project(map) {
       if (this.interpolator) map = this.interpolator.gathered(map);
       fillTable(this.table, map);
-      this.projectBoxes(this.field.boxes, this.coefficients);
+      this.projectBoxes();
       if (this.hatCount > 0) this.projectHats(map);
       return this.coefficients;
-    }
-
-    /// As project(), of the light that was projected last, for the boxes of a tile.
-    projectTile(boxes) {
-      const result = Projector.emptyCoefficients(this.hatCount + boxes.length / 4);
-      result.set(this.coefficients.subarray(0, 4 * this.hatCount));
-      this.projectBoxes(boxes, result);
-      return result;
-    }
-
-    static emptyCoefficients(kernels) {
-      return new Float32Array((Math.ceil(kernels / Projector.width) || 1) * Projector.width * 4);
     }
   }
   Projector.width = 2048;

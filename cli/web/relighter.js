@@ -32,8 +32,6 @@ class Relighter {
     uniform ivec2 entryLayout, kernelLayout;
     uniform int height;               // of the canvas
     uniform int spacing;              // of drawn pixels; above 1 in a draft
-    uniform float scale;              // pixels of the field for one of the canvas
-    uniform vec2 shift;               // the field's pixel at the canvas's top left corner
     uniform float gain;
     uniform mat3 mixing;              // of the primaries of the light in the camera's channels
     out vec4 colour;
@@ -43,8 +41,8 @@ class Relighter {
 
     void main() {
       ivec2 drawn = ivec2(gl_FragCoord.xy) * spacing;
-      ivec2 pixel = ivec2(floor((vec2(drawn.x, height - 1 - drawn.y) + 0.5) * scale + shift));
-      if (any(lessThan(pixel, ivec2(0))) || any(greaterThanEqual(pixel, textureSize(rows, 0)))) discard;
+      ivec2 pixel = ivec2(drawn.x, height - 1 - drawn.y);
+      if (pixel.x >= textureSize(rows, 0).x || pixel.y < 0) discard;
       uvec2 row = texelFetch(rows, pixel, 0).xy;
       vec3 sum = vec3(0.0);
       for (uint i = row.x; i < row.x + row.y; ++i) {
@@ -74,7 +72,9 @@ class Relighter {
     gl.uniform1i(this.uniform('height'), this.field.height);
     gl.uniformMatrix3fv(this.uniform('mixing'), true, this.field.mixing);
     gl.uniform2i(this.uniform('kernelLayout'), light.Projector.width - 1, Math.log2(light.Projector.width));
-    this.layer = this.layerOf(this.field);
+    this.uploadRows(this.field);
+    this.uploadEntries(this.field);
+    this.bindNewTexture(2);  // coefficients
   }
 
   uniform(name) {
@@ -119,12 +119,6 @@ class Relighter {
       throw new Error(`${what} do not fit this browser's largest texture (${this.largest}); export a smaller field`);
   }
 
-  /// A field of pixels on the graphics card. Its textures: rows, entries, coefficients.
-  layerOf(field) {
-    const rows = this.uploadRows(field), {entries, entryLayout} = this.uploadEntries(field);
-    return {field, textures: [rows, entries, this.bindNewTexture(2)], entryLayout};
-  }
-
   uploadRows({width, height, starts}) {
     const gl = this.gl;
     this.requireSize(width, height, 'the pixels');
@@ -133,9 +127,8 @@ class Relighter {
       values[2 * p] = starts[p];
       values[2 * p + 1] = starts[p + 1] - starts[p];
     }
-    const rows = this.bindNewTexture(0);
+    this.bindNewTexture(0);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG32UI, width, height, 0, gl.RG_INTEGER, gl.UNSIGNED_INT, values);
-    return rows;
   }
 
   /// In bands, so that the interleaved copy stays small.
@@ -144,7 +137,7 @@ class Relighter {
     const shift = Math.floor(Math.log2(Math.min(this.largest, 8192))), width = 1 << shift;
     const height = Math.max(1, Math.ceil(count / width)), band = 64;
     this.requireSize(width, height, 'the kernels');
-    const entries = this.bindNewTexture(1);
+    this.bindNewTexture(1);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32UI, width, height);
     const values = new Uint32Array(width * band * 2);
     for (let top = 0; top < height; top += band) {
@@ -155,11 +148,11 @@ class Relighter {
       }
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, top, width, Math.min(band, height - top), gl.RG_INTEGER, gl.UNSIGNED_INT, values);
     }
-    return {entries, entryLayout: [width - 1, shift]};
+    gl.uniform2i(this.uniform('entryLayout'), width - 1, shift);
   }
 
-  setCoefficients(values, layer = this.layer) {
-    this.bind(layer.textures[2], 2);
+  setCoefficients(values) {
+    this.gl.activeTexture(this.gl.TEXTURE2);
     this.uploadCoefficients(values);
   }
 
@@ -199,30 +192,12 @@ class Relighter {
     gl.viewport(0, 0, columns, rows);
     gl.clear(gl.COLOR_BUFFER_BIT);
     gl.uniform1i(this.uniform('spacing'), spacing);
-    this.drawLayers(exposure, spacing);
+    gl.uniform1f(this.uniform('gain'), exposure * 2 ** -this.field.exponentOffset);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
     if (!target) return;
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, columns, rows, 0, 0, columns * spacing, rows * spacing, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-  }
-
-  drawLayers(exposure) {
-    this.drawLayer(this.layer, exposure, {scale: 1, shift: [0, 0]});
-  }
-
-  drawLayer({field, textures, entryLayout}, exposure, {scale, shift}) {
-    const gl = this.gl;
-    textures.forEach((texture, unit) => this.bind(texture, unit));
-    gl.uniform2i(this.uniform('entryLayout'), ...entryLayout);
-    gl.uniform1f(this.uniform('gain'), exposure * 2 ** -field.exponentOffset);
-    gl.uniform1f(this.uniform('scale'), scale);
-    gl.uniform2f(this.uniform('shift'), ...shift);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-  }
-
-  /// The pixel at one of the canvas: of which field, and where in the picture.
-  pixelAt(x, y) {
-    return {field: this.field, column: x, row: y, x, y};
   }
 
   /// What the page says of the picture.

@@ -6,7 +6,6 @@ class Viewer {
   static slowMs = 60;
   static restMs = 150;
   static pictureHelp = 'Click a pixel to see which light it gathers.';
-  static tilesHelp = 'Wheel, two fingers or + to enlarge; drag to pan; F shows all. ' + Viewer.pictureHelp;
   static orbitHelp = 'Drag to orbit; wheel or two fingers to approach; Shift and drag, or two fingers, to pan; F resets the camera.';
 
   constructor(field) {
@@ -22,9 +21,7 @@ class Viewer {
   }
 
   makeRelighter(canvas) {
-    if (this.field.mesh) return new MeshRelighter(canvas, this.field);
-    if (this.field.tiles) return new TiledRelighter(canvas, this.field, this.projector, () => this.changed(false));
-    return new Relighter(canvas, this.field);
+    return this.field.mesh ? new MeshRelighter(canvas, this.field) : new Relighter(canvas, this.field);
   }
 
   static element(id) {
@@ -75,9 +72,9 @@ class Viewer {
     requestAnimationFrame((time) => { this.requested = false; this.frame(time); });
   }
 
-  /// Whether the whole image is drawn, nothing moves and nothing is being loaded for it.
+  /// Whether the whole image is drawn and nothing moves.
   atRest() {
-    return !this.requested && !this.refinement && !this.relighter.loading;
+    return !this.requested && !this.refinement;
   }
 
   /// Where a whole image takes long, drafts are drawn while something moves, and the whole when it rests.
@@ -175,14 +172,14 @@ class Viewer {
 
   help() {
     if (this.field.mesh) return Viewer.orbitHelp;
-    return this.field.tiles ? Viewer.tilesHelp : this.picks ? Viewer.pictureHelp : '';
+    return this.picks ? Viewer.pictureHelp : '';
   }
 
   /// The pixel at one of the canvas.
   pick(canvasX, canvasY) {
     if (!this.picks) return;
-    const {field, column, row, x, y} = this.relighter.pixelAt(canvasX, canvasY), list = overlay.kernelsOfPixel(field, column, row);
-    this.picked = {x, y, list, gathered: overlay.gathered(field, list)};
+    const {field} = this, list = overlay.kernelsOfPixel(field, canvasX, canvasY);
+    this.picked = {x: canvasX, y: canvasY, list, gathered: overlay.gathered(field, list)};
     this.pickedChanged = true;
     this.changed(false);
   }

@@ -151,7 +151,7 @@ TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
   EXPECT_LE(report["largest_8_bit_difference"].get<int>(), 1);
   const std::string page = read_text(folder / "page" / "index.html");
   for (const char* name : {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "cube.js",
-                           "mesh.js", "tiles.js", "overlay.js", "controls.js", "viewer.js"}) {
+                           "mesh.js", "overlay.js", "controls.js", "viewer.js"}) {
     EXPECT_THAT(page, HasSubstr(name));
     EXPECT_TRUE(fs::exists(folder / "page" / name)) << name;
   }
@@ -180,13 +180,6 @@ TEST(ExportWeb, BringsEnvironmentsAlongAsRelightReadsThem) {
               RefusedNaming("f.rfield", "--placement 520x320@600"));
 }
 
-TEST(ExportWeb, TheFinestPixelsAreOneOfAPowerOfTwo) {
-  const test::TemporaryFolder folder;
-  write_reflectance_field(folder / "f.rfield", sample_field(Parameterisation::monitor));
-  EXPECT_THAT(run_refield({"export-web", folder / "f.rfield", "-o", folder / "page", "--finest", "3"}),
-              RefusedNaming("--finest 3", "power of two"));
-}
-
 TEST(ExportWeb, RefusesAFileAsItsFolder) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "f.rfield", sample_field(Parameterisation::monitor));
@@ -201,51 +194,10 @@ ReflectanceField mixing_field() {
   return field;
 }
 
-class TiledPage : public testing::Test {
- protected:
-  TiledPage() {
-    write_reflectance_field(file_, mixing_field());
-    pixels_ = FieldSampler::open(file_, {}, 0);
-  }
-  /// From every 4th pixel of 60×45, so that the last column and row of tiles are narrow.
-  web::ExportReport export_page(int finest) const {
-    return web::export_page(pixels_->read({{0, 0, 60, 45}, 4}), "tiles", page_, {},
-                            web::PageDetail{.pixels = *pixels_, .stride = 4, .finest = finest, .side = 16});
-  }
-  std::size_t tiles() const {
-    return static_cast<std::size_t>(std::ranges::count_if(
-        fs::directory_iterator(page_),
-        [](const auto& entry) { return entry.path().filename().string().starts_with("data-tile-"); }));
-  }
-
-  const test::TemporaryFolder folder_;
-  const fs::path file_ = folder_ / "f.rfield", page_ = folder_ / "work" / "page";
-  std::unique_ptr<const FieldSampler> pixels_;
-};
-
-TEST_F(TiledPage, HoldsAllLevelsDownToTheFinest) {
-  const web::ExportReport all = export_page(1);
-  EXPECT_EQ(tiles(), 2u * 2u + 4u * 3u) << "30×23 and 60×45 pixels in tiles of 16×16";
-  const web::ExportReport coarse = export_page(2);
-  EXPECT_EQ(tiles(), 2u * 2u) << "those of the export before are removed";
-  EXPECT_EQ(all.files - coarse.files, 4u * 3u);
-  EXPECT_GT(all.bytes, coarse.bytes);
-  export_page(4);
-  EXPECT_EQ(tiles(), 0u);
-}
-
-TEST_F(TiledPage, LeavesAlonePagesThatItDidNotWrite) {
-  fs::create_directories(page_);
-  write_text_atomically(page_ / "data-tile-1-0-0.js", "mine");
-  EXPECT_THROW(export_page(1), InputError);
-  EXPECT_EQ(read_text(page_ / "data-tile-1-0-0.js"), "mine");
-}
-
-TEST_F(TiledPage, ItsExportEndsOnAnInterruption) {
-  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) {
-    web::export_page(pixels_->read({{0, 0, 60, 45}, 4}), "tiles", page_, {},
-                     web::PageDetail{*pixels_, 4, 1, 16}, run);
-  }));
+TEST(Page, ItsExportEndsOnAnInterruption) {
+  const test::TemporaryFolder folder;
+  EXPECT_TRUE(test::heeds_interruption(
+      [&](const RunContext& run) { web::export_page(mixing_field(), "scene", folder / "page", {}, run); }));
 }
 
 /// Runs a script of this folder on a field; it needs Chromium.
@@ -277,14 +229,6 @@ TEST(ColourMixingInChromium, IsThatOfTheProgram) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "f.rfield", mixing_field());
   drive("drive_page.py", folder / "f.rfield", folder);
-}
-
-// Enlarges, pans and picks, with colours mixed; see drive_tiles_page.py.
-class TiledPageInChromium : public TiledPage {};
-
-TEST_F(TiledPageInChromium, DrawsWhatTheProgramComputes) {
-  export_page(1);
-  drive("drive_tiles_page.py", file_, folder_);
 }
 
 class MeshPageInChromium : public testing::Test {
