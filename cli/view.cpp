@@ -21,7 +21,7 @@ namespace {
 struct ViewOptions {
   WindowOptions window;
   std::filesystem::path shown;
-  std::string light, script, size;
+  std::string light, size;
   std::vector<std::string> placements;
 };
 
@@ -152,13 +152,10 @@ void add_view(CLI::App& app, const Common&, Action& action) {
                        "Environment maps are seen through it (default: that of the field).");
   verb->add_option("--size", options->size, "Size of the picture in pixels (default: 1440x900)")
       ->type_name("WIDTHxHEIGHT");
-  verb->add_option("--script", options->script,
-                   "File of viewer commands to run, '-' for standard input (docs/guide/viewer.md)");
   verb->callback([options, &action] {
     action = [options] {
       WindowOptions& window = options->window;
       if (!options->placements.empty()) window.monitors = placements_from_texts(options->placements);
-      if (!options->script.empty()) window.script = options->script;
       if (!options->size.empty()) {
         const PictureSize size = read_picture_size(options->size, {720, 520});
         window.width = size.width;

@@ -15,16 +15,18 @@ and two held-out lights, from which `crops` shows the traced picture, the paper'
 both. The film's map is sunset.exr of Debian's package blender-data (CC0). `grain` traces the scene with 17 seeds and compares the
 first with the mean of the others, in pixels that are not black: in total, and what remains of the difference after subtraction of
 its mean over 5×5 pixels, which is the grain.
-Needs numpy and the Python module of OpenImageIO; `screens` also xvfb, chromium and chromium-driver.
+Needs numpy and the Python module of OpenImageIO; `screens` also xvfb, xdotool, chromium and chromium-driver.
 """
 import argparse
 import math
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 
 import numpy
 import OpenImageIO as oiio
@@ -181,18 +183,51 @@ def grain(arguments):
         print(f"{kind:8} error: {words[0]}\n         grain: {words[1]}")
 
 
-# Picture -> file and commands (docs/guide/viewer.md#scripts); positions are of a field of 320×240 pixels, light 128×96.
+# Picture -> file and what mouse and keys do; positions are of a picture of 320×240 pixels, light 128×96, or of a mesh's picture.
 ROOM = RECIPE.parents[1] / "dynamic/room.toml"
-LIGHTS = ["key B", "drag light 64 48 72 48 2"]
+LIGHTS = ["key b", "drag light 64 48 72 48"]
 SCREENS = {
-    "lights": ("refined.rfield", [*LIGHTS, "press Auto-expose"]),
-    "kernels": ("refined.rfield", [*LIGHTS, "press Auto-expose", "pick 118 112"]),
-    "probe": ("refined.rfield", ["where", "probe 50 70"]),
+    "lights": ("refined.rfield", [*LIGHTS, "key a"]),
+    "kernels": ("refined.rfield", [*LIGHTS, "key a", "click image 118 112"]),
+    "probe": ("refined.rfield", ["hold light 50 70"]),
     "error": ("refined.rfield", [*LIGHTS, "key 3"]),
-    "help": ("refined.rfield", [*LIGHTS, "press Auto-expose", "key F1"]),
-    "mesh": ("mesh", ["where", "press Auto-expose", "pick 460 420"]),
-    "scene": (ROOM, ["where", "drag image 366 588 470 596", "key ,"]),
+    "help": ("refined.rfield", [*LIGHTS, "key a", "key F1"]),
+    "mesh": ("mesh", ["key a", "click mesh 460 420"]),
+    "scene": (ROOM, ["drag mesh 366 588 470 596", "key comma"]),
 }
+
+
+def in_window(what, x, y):
+    """Where a window of 1280×860 shows a pixel or a texel (relight/viewer/field/panels.cpp, draw_panels)."""
+    if what == "mesh":
+        return 8 + x, 8 + y
+    return (862.4 + 3.2 * (x + 0.5), 8 + 3.2 * (y + 0.5)) if what == "light" else (8 + 2.645 * (x + 0.5), 97.6 + 2.645 * (y + 0.5))
+
+
+def screenshot(program, words, title, actions, picture, environment):
+    """What `view` shows after xdotool moved its mouse and keys."""
+    def xdotool(*words):
+        subprocess.run(["xdotool", *map(str, words)], check=True, env=environment)
+        time.sleep(1.0)
+
+    with tempfile.TemporaryDirectory() as folder:
+        viewer = subprocess.Popen([pathlib.Path(program).resolve(), "view", *words], cwd=folder, env=environment)
+        xdotool("search", "--sync", "--name", title + " – refield")
+        for action in actions:
+            verb, *rest = action.split()
+            if verb == "key":
+                xdotool("key", *rest)
+                continue
+            places = [in_window(rest[0], float(x), float(y)) for x, y in zip(rest[1::2], rest[2::2])]
+            xdotool("mousemove", *map(round, places[0]), "mousedown", 3 if verb == "hold" else 1)
+            if verb == "drag":
+                xdotool("mousemove", *map(round, places[1]))
+            if verb != "hold":
+                xdotool("mouseup", 1)
+        xdotool("key", "s")
+        shutil.move(pathlib.Path(folder) / "view-0001.png", picture)
+        xdotool("mouseup", 3, "key", "shift+q")
+        viewer.wait()
 
 
 def write_jpeg(picture, path):
@@ -202,17 +237,18 @@ def write_jpeg(picture, path):
 
 
 def screens(arguments):
+    screen = subprocess.Popen(["Xvfb", "-displayfd", "1", "-screen", "0", "1600x1000x24"], stdout=subprocess.PIPE, text=True)
+    environment = {**os.environ, "DISPLAY": ":" + screen.stdout.readline().strip(), "LIBGL_ALWAYS_SOFTWARE": "1"}
     for name, (file, commands) in SCREENS.items():
         path = {"mesh": arguments.mesh, ROOM: ROOM}.get(file, arguments.out / str(file))
         if path is None:
             continue
-        script, picture = arguments.out / f"{name}.txt", arguments.out / f"{name}.png"
+        picture = arguments.out / f"{name}.png"
         size = "1440x900" if path == ROOM else "1280x860"
-        script.write_text("\n".join([*commands, "wait 20", f"screenshot {picture}", "quit", ""]))
-        light = ["--light", arguments.env] if file == "mesh" else []
-        subprocess.run(["xvfb-run", "-a", "-s", "-screen 0 1600x1000x24", arguments.program, "view", path, *light, "--script", script,
-                        "--size", size], check=True, env={**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"})
+        light = ["--light", pathlib.Path(arguments.env).resolve()] if file == "mesh" else []
+        screenshot(arguments.program, [path.resolve(), *light, "--size", size], path.name, commands, picture, environment)
         write_jpeg(picture, arguments.picture / f"viewer-{name}.jpg")
+    screen.terminate()
     page, field = arguments.out / "page", arguments.out / "table-top.rfield"  # its name is the heading of the page
     field.unlink(missing_ok=True)
     field.symlink_to("refined.rfield")

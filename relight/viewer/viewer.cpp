@@ -50,12 +50,11 @@ void handle(App& app, const InputEvent& event) {
 
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run) {
-  BackgroundJob<OpenedFile> reading([=, from = options.large_from_bytes, monitors = options.monitors] {
-    return read_field_file(field, light, run, from, monitors);
-  });
+  BackgroundJob<OpenedFile> reading(
+      [=, monitors = options.monitors] { return read_field_file(field, light, run, monitors); });
   std::optional<OpenedFile> opened;
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
-  GlWindow window(options.width, options.height, !options.script);
+  GlWindow window(options.width, options.height);
   if (!opened) {
     const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
     if (!show_message_until(window, "Reading " + field.filename().string(), is_done, run)) return;
@@ -65,7 +64,7 @@ void run_viewer(const std::filesystem::path& field, const std::optional<std::fil
   app.monitors = options.monitors;
   Textures textures;  // gone before the window
   run_window(
-      window, options.script,
+      window,
       {.state = app,
        .title = [&] { return app.field_file.filename().string(); },
        .wants_frame =
@@ -73,8 +72,7 @@ void run_viewer(const std::filesystem::path& field, const std::optional<std::fil
        .is_moving = [&] { return app.is_playing; },
        .advance = [&](double seconds) { advance_motion(app, seconds); },
        .handle = [&](const InputEvent& event) { handle(app, event); },
-       .draw = [&] { return draw(app, textures); },
-       .stage = field_stage(app)});
+       .draw = [&] { return draw(app, textures); }});
 }
 
 }  // namespace refield

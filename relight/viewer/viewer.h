@@ -18,17 +18,13 @@
 namespace refield {
 
 struct WindowOptions {
-  std::optional<std::string> script;  ///< a file of commands, or "-"
-  int width = 1440;                   ///< pixels
+  int width = 1440;  ///< pixels
   int height = 900;
   std::vector<MonitorPlacement> monitors{};  ///< in place of the field's; empty: those of the field
-  /// Bytes of a field's transfer from which on only the pixels that the window shows are read.
-  std::uint64_t large_from_bytes = large_transfer_bytes;
 };
 
 /// Opens a window on a field, with a light map to begin with, and returns when it is closed. Throws
-/// DeviceError where there is no display or no OpenGL 3.3, what the readers of field and light throw, and
-/// InputError for a wrong line of the script.
+/// DeviceError where there is no display or no OpenGL 3.3 and what the readers of field and light throw.
 void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
                 const WindowOptions& options, const RunContext& run);
 

@@ -5,8 +5,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -36,29 +34,6 @@ namespace fs = std::filesystem;
 constexpr ClockSeconds noon = 1'087'812'000.0;
 constexpr double clock_ahead = 137.0;  // of the camera, seconds
 constexpr double every = 6.0;          // seconds per pattern
-
-/// What a program prints, as it prints it.
-class OutputPipe {
- public:
-  explicit OutputPipe(const fs::path& path) : path_(path) {
-    EXPECT_EQ(::mkfifo(path.c_str(), 0600), 0);
-    // Also for writing, so that the program need not wait for a reader.
-    descriptor_ = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
-  }
-  ~OutputPipe() { ::close(descriptor_); }
-  OutputPipe(const OutputPipe&) = delete;
-  OutputPipe& operator=(const OutputPipe&) = delete;
-  const fs::path& path() const { return path_; }
-  void read_until(const std::string& text) {
-    char letter = 0;
-    while (!text_.ends_with(text) && ::read(descriptor_, &letter, 1) == 1) text_ += letter;
-  }
-
- private:
-  fs::path path_;
-  int descriptor_ = -1;
-  std::string text_;
-};
 
 /// sRGB, then the S of a camera's picture style.
 double contrast(double light) {
@@ -340,7 +315,7 @@ TEST_F(ManualCapture, PatternsAreShownOnAScreenWithTheirTimes) {
         wanted[(static_cast<std::size_t>(y + top) * width + x + left) * 3 + c] =
             levels[(y / scale * 16 + x / scale) * 3 + c];
   // Patterns change by keys, and what the program prints says when: nothing is missed on a busy machine.
-  OutputPipe output(out_ / "output");
+  test::OutputPipe output(out_ / "output");
   test::RunningProgram program({"acquire", "show", out_ / "patterns", "--from", "train_000"}, output.path());
   const auto press_space = [] {
     ASSERT_EQ(test::finish_program(test::start_program({"xdotool", "key", "space"})), 0);

@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <spawn.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -56,6 +57,20 @@ int RunningProgram::wait() {
 
 int run_program(std::vector<std::string> arguments, const fs::path& log) {
   return RunningProgram(std::move(arguments), log).wait();
+}
+
+OutputPipe::OutputPipe(fs::path path) : path_(std::move(path)) {
+  // Also for writing, so that the program need not wait for a reader.
+  if (::mkfifo(path_.c_str(), 0600) == 0) descriptor_ = ::open(path_.c_str(), O_RDWR | O_CLOEXEC);
+}
+
+OutputPipe::~OutputPipe() {
+  ::close(descriptor_);
+}
+
+void OutputPipe::read_until(const std::string& text) {
+  char letter = 0;
+  while (!text_.ends_with(text) && ::read(descriptor_, &letter, 1) == 1) text_ += letter;
 }
 
 namespace {

@@ -32,6 +32,25 @@ class RunningProgram {
 /// Runs `refield` to its end and returns its exit status.
 int run_program(std::vector<std::string> arguments, const std::filesystem::path& log);
 
+/// A named pipe that a program prints into, so that a test can wait for what it prints.
+class OutputPipe {
+ public:
+  explicit OutputPipe(std::filesystem::path path);
+  ~OutputPipe();
+  OutputPipe(const OutputPipe&) = delete;
+  OutputPipe& operator=(const OutputPipe&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  void read_until(const std::string& text);
+  /// What was read so far.
+  const std::string& text() const { return text_; }
+
+ private:
+  std::filesystem::path path_;
+  int descriptor_ = -1;
+  std::string text_;
+};
+
 /// How many steps on disk (tests/support/kill_at_write.cpp) `refield` takes to its end; 0 when it failed.
 long count_steps(std::vector<std::string> arguments, const std::filesystem::path& log);
 /// Runs `refield` and ends it by SIGKILL in place of a step on disk, from 1. False when it ended by itself.

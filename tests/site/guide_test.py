@@ -23,7 +23,7 @@ NOT_RUN = {
     "./dev": "builds and tests the project",
     "apt install": "tests/package/install.sh installs the packages",
     "cmake --install": "library.Installed",
-    "refield view": "needs a window: ViewField.*, ViewScene.* and docs/guide/viewer.md's scripts in Script.*",
+    "refield view": "needs a window: ViewField.*, ViewScene.*",
     "refield acquire show": "needs a screen: ManualCapture.PatternsAreShownOnAScreenWithTheirTimes",
     "refield acquire import shots --light patterns": "ManualCapture.ImportedByOrderTheCamerasCurveIsEstimated",
     "refield acquire import shots --ambient-first": "ManualCapture.*, MatchSeries.*",

@@ -99,9 +99,9 @@ OpenedFile read_light_file(const fs::path& file, const LightDomain& domain,
 }
 
 OpenedFile read_field_file(const fs::path& field, const std::optional<fs::path>& light, const RunContext& run,
-                           std::uint64_t large_from_bytes, const std::vector<MonitorPlacement>& monitors) {
+                           const std::vector<MonitorPlacement>& monitors) {
   OpenedFile opened{.file = field};
-  if (auto large = FieldSampler::open(field, run, large_from_bytes))
+  if (auto large = FieldSampler::open(field, run))
     opened.state = std::make_unique<ViewState>(std::move(large), run);
   else
     opened.state =
@@ -167,11 +167,6 @@ void save_picture(App& app, const fs::path& file) {
                std::to_string(grid.region.width()) + "×" + std::to_string(grid.region.height()) + " from " +
                std::to_string(grid.region.x0) + ", " + std::to_string(grid.region.y0) +
                "; 'refield relight' writes all pixels");
-}
-
-void save_light(App& app, const fs::path& file) {
-  app.state->refresh();
-  save_image(app, file, app.state->light().radiance, {app.state->light_exposure()});
 }
 
 void change_exposure(App& app, double stops) {
@@ -371,57 +366,11 @@ std::vector<Shortcut<App>> make_shortcuts() {
   };
 }
 
-/// `"pixels": {…}`: those of the image that are shown.
-std::string pixels_text(const PixelGrid& grid) {
-  const Box& region = grid.region;
-  return "\"pixels\": {\"region\": [" + std::to_string(region.x0) + ", " + std::to_string(region.y0) + ", " +
-         std::to_string(region.x1) + ", " + std::to_string(region.y1) +
-         "], \"stride\": " + std::to_string(grid.stride) + "}";
-}
-
-/// Where things are, for tests that look into screenshots: one line of JSON on standard output.
-void print_places(const App& app) {
-  const ViewState& state = *app.state;
-  const LightDomain& light = state.panorama().shown();
-  const std::string picked = state.picked() ? "[" + std::to_string(state.picked()->x) + ", " +
-                                                  std::to_string(state.picked()->y) + "]"
-                                            : "null";
-  std::printf(
-      "{\"image\": %s, \"light\": %s, \"picked\": %s, \"kernels\": %zu, \"light_sources\": %zu, \"turn\": "
-      "%.6f, "
-      "\"exposure\": %.9g, \"notice\": %s, %s, %s}\n",
-      canvas_text(app.picture, state.image_width(), state.image_height()).c_str(),
-      canvas_text(app.light, light.width, light.height).c_str(), picked.c_str(), state.kernels().size(),
-      state.setup().light_sources().size(), 360.0 * state.setup().turns(), state.tone_in_use().exposure,
-      app.notice && app.notice->is_error ? "\"error\"" : "null", controls_text(app).c_str(),
-      (state.view() != nullptr ? camera_text(state.view()->camera()) : pixels_text(state.grid())).c_str());
-  std::fflush(stdout);
-}
-
-void perform(App& app, const ScriptCommand& command) {
-  if (command.verb == "where") return print_places(app);
-  if (command.verb == "save") return save_picture(app, command.text);
-  if (command.verb == "save-light") return save_light(app, command.text);
-  if (FreeView* view = app.state->view()) return view->move().pan(command.numbers[0], command.numbers[1]);
-  app.picture.pan(command.numbers[0], command.numbers[1]);
-}
-
 }  // namespace
 
 const std::vector<Shortcut<App>>& shortcuts() {
   static const std::vector<Shortcut<App>> all = make_shortcuts();
   return all;
-}
-
-ScriptStage field_stage(App& app) {
-  return {.window_point =
-              [&app](bool on_light, double x, double y) {
-                return (on_light ? app.light : app.picture).window_from_image({x, y});
-              },
-          .key = [](const std::string& name) { return key_named(keys_of(shortcuts()), name); },
-          .perform = [&app](const ScriptCommand& command) { perform(app, command); },
-          .is_opening = [&app] { return app.opening != nullptr; },
-          .is_current = [&app] { return !is_busy(app); }};
 }
 
 }  // namespace refield

@@ -14,7 +14,6 @@
 #include "relight/viewer/gui/canvas.h"
 #include "relight/viewer/gui/gl_window.h"
 #include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/window_state.h"
 
 namespace refield {
@@ -37,17 +36,16 @@ struct OpenedFile {
 
 /// Read a field and, where there is one, a light map to begin with; a light map for a field of that domain
 /// and those monitors. For threads in the background. Throw what the readers throw, InputError for a map that
-/// does not fit. Of fields whose transfer takes `large_from_bytes` or more, only pixels that a window shows
+/// does not fit. Of fields whose transfer takes large_transfer_bytes or more, only pixels that a window shows
 /// are read. `monitors` stand in place of the field's where there are any.
 OpenedFile read_field_file(const std::filesystem::path& field,
                            const std::optional<std::filesystem::path>& light, const RunContext& run,
-                           std::uint64_t large_from_bytes = large_transfer_bytes,
                            const std::vector<MonitorPlacement>& monitors = {});
 OpenedFile read_light_file(const std::filesystem::path& file, const LightDomain& domain,
                            const std::vector<MonitorPlacement>& monitors, const RunContext& run);
 
-/// The viewer of fields between frames: what is shown (ViewState) and how the window stands. Panels draw it
-/// and change it; so do shortcuts and scripts.
+/// The viewer of fields between frames: what is shown (ViewState) and how the window stands. Panels and
+/// shortcuts change it.
 struct App : WindowState {
   App(OpenedFile field, const RunContext& context);
 
@@ -84,7 +82,6 @@ bool is_busy(const App& app);
 
 /// The relit image as it is (.exr), or tone-mapped (.png). Waits for it.
 void save_picture(App& app, const std::filesystem::path& file);
-void save_light(App& app, const std::filesystem::path& file);
 
 void change_exposure(App& app, double stops);
 void turn_light(App& app, double degrees);
@@ -98,9 +95,6 @@ void advance_motion(App& app, double seconds);
 void probe_at(App& app, const Point& texel);
 
 const std::vector<Shortcut<App>>& shortcuts();
-
-/// What scripts can do with a field; `app` must outlive it.
-ScriptStage field_stage(App& app);
 
 /// What the panels draw pictures with.
 struct Textures {

@@ -85,15 +85,4 @@ bool FreeView::update(Clock::time_point now) {
   return true;
 }
 
-std::string canvas_text(const Canvas& canvas, int width, int height) {
-  return formatted(R"({"x": %.3f, "y": %.3f, "scale": %.9f, "width": %d, "height": %d})", canvas.origin().x,
-                   canvas.origin().y, canvas.scale(), width, height);
-}
-
-std::string camera_text(const PinholeCamera& camera) {
-  const Eigen::Vector3f &p = camera.position, &t = camera.target;
-  return formatted(R"("camera": {"position": [%.7g, %.7g, %.7g], "target": [%.7g, %.7g, %.7g], "fov": %.7g})",
-                   p.x(), p.y(), p.z(), t.x(), t.y(), t.z(), camera.vertical_field_of_view_degrees);
-}
-
 }  // namespace refield

@@ -76,11 +76,4 @@ class FreeView {
   Clock::time_point moved_at_{};
 };
 
-// What scripts tell of pictures and cameras, whatever is shown.
-
-/// JSON: where a picture lies in the window, in the window's pixels.
-std::string canvas_text(const Canvas& canvas, int width, int height);
-/// `"camera": {…}`.
-std::string camera_text(const PinholeCamera& camera);
-
 }  // namespace refield

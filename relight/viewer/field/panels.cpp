@@ -56,16 +56,16 @@ void take_file(App& app, const std::filesystem::path& file) {
 void light_section(App& app) {
   LightSetup& setup = app.state->setup();
   heading("LIGHT");
-  if (button(app, "Add bar")) add_light_source_and_select(app, PaintedLight::Shape::bar);
+  if (button("Add bar")) add_light_source_and_select(app, PaintedLight::Shape::bar);
   ImGui::SameLine();
-  if (button(app, "Add spot")) add_light_source_and_select(app, PaintedLight::Shape::spot);
+  if (button("Add spot")) add_light_source_and_select(app, PaintedLight::Shape::spot);
   ImGui::SameLine();
-  if (button(app, "Probe", app.probes)) {
+  if (button("Probe", app.probes)) {
     app.probes = !app.probes;
     if (!app.probes) app.state->probe(std::nullopt);
   }
   ImGui::SameLine();
-  if (button(app, "Move", app.is_playing)) app.is_playing = !app.is_playing;
+  if (button("Move", app.is_playing)) app.is_playing = !app.is_playing;
   label("Ambient");
   auto ambient = static_cast<float>(setup.ambient());
   if (ImGui::SliderFloat("##ambient", &ambient, 0.0f, 1.0f, "%.3f", ImGuiSliderFlags_Logarithmic))
@@ -85,7 +85,7 @@ void light_section(App& app) {
     else
       ImGui::TextDisabled("%s", app.light_name.c_str());
     ImGui::SameLine();
-    if (button(app, "Remove map")) {
+    if (button("Remove map")) {
       setup.set_map(std::nullopt);
       app.light_name.clear();
     }
@@ -115,17 +115,17 @@ void light_source_section(App& app) {
   auto size = static_cast<float>(light_source.size);
   if (ImGui::SliderFloat("##size", &size, 0.002f, 1.0f, "%.3f", ImGuiSliderFlags_Logarithmic))
     change_selected(app, [=](PaintedLight& changed) { changed.size = size; });
-  if (button(app, light_source.is_on ? "Switch off" : "Switch on"))
+  if (button(light_source.is_on ? "Switch off" : "Switch on"))
     change_selected(app, [](PaintedLight& changed) { changed.is_on = !changed.is_on; });
   ImGui::SameLine();
-  if (button(app, "Remove")) remove_selected(app);
+  if (button("Remove")) remove_selected(app);
 }
 
 void picture_section(App& app) {
   ViewState& state = *app.state;
   heading("PICTURE");
   const auto view_button = [&](const char* name, Shown shown) {
-    if (state.has(shown) && button(app, name, state.shown() == shown)) state.show(shown);
+    if (state.has(shown) && button(name, state.shown() == shown)) state.show(shown);
     if (state.has(shown)) ImGui::SameLine();
   };
   view_button("Scene", Shown::picture);
@@ -135,17 +135,17 @@ void picture_section(App& app) {
   view_button("Training", Shown::training_error);
   ImGui::NewLine();
   ToneMapping tone = state.tone();
-  if (tone_controls(app, tone)) state.set_tone(tone);
-  if (button(app, "Auto-expose")) state.expose_picture();
+  if (tone_controls(tone)) state.set_tone(tone);
+  if (button("Auto-expose")) state.expose_picture();
   ImGui::SameLine();
   if (FreeView* view = state.view()) {
-    if (button(app, "Reset camera")) view->move().reset();
+    if (button("Reset camera")) view->move().reset();
   } else {
-    if (button(app, "Fit")) app.picture.fit();
+    if (button("Fit")) app.picture.fit();
     ImGui::SameLine();
-    if (button(app, "1:1")) app.picture.zoom_to(1.0);
+    if (button("1:1")) app.picture.zoom_to(1.0);
     ImGui::SameLine();
-    if (button(app, "Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
+    if (button("Smooth", app.is_smooth)) app.is_smooth = !app.is_smooth;
   }
 }
 
@@ -212,9 +212,9 @@ void kernel_section(App& app) {
     const std::size_t index = static_cast<std::size_t>(at->y) * state.field().width + at->x;
     ImGui::TextDisabled("± %.2g %%", 100.0 * state.field().quality.predicted_error[index]);
   }
-  if (button(app, "Over the map", app.shows_kernels)) app.shows_kernels = !app.shows_kernels;
+  if (button("Over the map", app.shows_kernels)) app.shows_kernels = !app.shows_kernels;
   ImGui::SameLine();
-  if (button(app, "Deselect")) state.pick(std::nullopt);
+  if (button("Deselect")) state.pick(std::nullopt);
   ImGui::SameLine();
   ImGui::TextDisabled("%zu kernels", state.kernels().size());
   constexpr ImGuiTableFlags flags =
@@ -232,13 +232,12 @@ void kernel_section(App& app) {
 
 /// Light sources, light and picture in numbers, and the picked pixel's kernels.
 void draw_control_panel(App& app, const Area& area) {
-  app.controls.clear();
   // The kernels have a panel of their own below the others, which stay where they are.
   const double kernels = app.state->picked() ? std::min(kernel_section_height(app), 0.5 * area.height) : 0.0;
   Area rest = area;
   if (kernels > 0.0) rest.height -= kernels + gap;
   begin_panel("##controls", rest, true);
-  if (button(app, "Open")) app.dialog.emplace(FileDialog::Purpose::open, folder_of_dialog(app));
+  if (button("Open")) app.dialog.emplace(FileDialog::Purpose::open, folder_of_dialog(app));
   ImGui::SameLine();
   window_buttons(app, "relit");
   picture_section(app);

@@ -234,10 +234,9 @@ struct GlWindow::Impl {
   }
 };
 
-GlWindow::GlWindow(int width, int height, bool takes_input) : impl_(std::make_unique<Impl>(width, height)) {
+GlWindow::GlWindow(int width, int height) : impl_(std::make_unique<Impl>(width, height)) {
   GLFWwindow* window = impl_->window;
   glfwSetWindowUserPointer(window, &impl_->events);
-  if (!takes_input) return;
   glfwSetCursorPosCallback(window, on_move);
   glfwSetMouseButtonCallback(window, on_button);
   glfwSetScrollCallback(window, on_scroll);
@@ -344,17 +343,14 @@ double milliseconds_between(Clock::time_point from, Clock::time_point to) {
 
 class WindowLoop {
  public:
-  WindowLoop(GlWindow& window, const std::optional<std::string>& script, const WindowContent& content)
-      : content_(content), state_(content.state), window_(window) {
-    if (script) script_.emplace(*script, state_, content_.stage, input_);
-  }
+  WindowLoop(GlWindow& window, const WindowContent& content)
+      : content_(content), state_(content.state), window_(window) {}
 
   void run() {
     while (!window_.is_closed() && !state_.wants_to_close) {
       state_.run.throw_if_stopped();
-      const bool plays = script_ && script_->step();
       const bool is_busy =
-          plays || content_.wants_frame() || frames_left_ > 0 || content_.is_moving() || !input_.is_empty();
+          content_.wants_frame() || frames_left_ > 0 || content_.is_moving() || !input_.is_empty();
       window_.collect(input_, is_busy ? 0.0 : idle_patience_s);
       if (!input_.is_empty()) frames_left_ = frames_after_event;
       const bool has_notice_passed = state_.notice && Clock::now() > state_.notice->until;
@@ -395,15 +391,14 @@ class WindowLoop {
 
   /// Whether a screenshot was taken, too, which makes the frame long.
   bool draw_to_screen() {
-    std::filesystem::path file = script_ ? script_->take_screenshot() : std::filesystem::path();
     const bool is_asked_for = std::exchange(state_.wants_screenshot, false);
-    if (is_asked_for) file = free_name("view", ".png");
     ScreenImage shot;
-    window_.end_frame(file.empty() ? nullptr : &shot);
-    if (file.empty()) return false;
+    window_.end_frame(is_asked_for ? &shot : nullptr);
+    if (!is_asked_for) return false;
+    const std::filesystem::path file = free_name("view", ".png");
     write_png(file, shot);
     last_end_.reset();  // the time that writing took is no frame's
-    if (is_asked_for) say(state_, "Saved " + file.string());
+    say(state_, "Saved " + file.string());
     return true;
   }
 
@@ -412,7 +407,6 @@ class WindowLoop {
     time.total_ms = milliseconds_between(last_end_.value_or(start), end);
     time.draw_ms = milliseconds_between(start, end) - time.wait_ms - time.view_ms - time.tone_ms;
     last_end_ = end;
-    if (script_) script_->note_frame(time);
     state_.recent_frames.push_back(time);
     if (state_.recent_frames.size() > recent_frames) state_.recent_frames.pop_front();
   }
@@ -420,7 +414,6 @@ class WindowLoop {
   const WindowContent& content_;
   WindowState& state_;
   GlWindow& window_;
-  std::optional<ScriptPlayer> script_;
   InputQueue input_;
   int frames_left_ = frames_after_event;
   std::optional<Clock::time_point> last_end_, last_moved_;
@@ -451,8 +444,8 @@ bool show_message_until(GlWindow& window, const std::string& message,
   return false;
 }
 
-void run_window(GlWindow& window, const std::optional<std::string>& script, const WindowContent& content) {
-  WindowLoop(window, script, content).run();
+void run_window(GlWindow& window, const WindowContent& content) {
+  WindowLoop(window, content).run();
 }
 
 }  // namespace refield

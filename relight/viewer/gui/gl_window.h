@@ -13,7 +13,6 @@
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/window_state.h"
 
 namespace refield {
@@ -21,9 +20,8 @@ namespace refield {
 /// A window with OpenGL 3.3 and Dear ImGui: collects input, draws frames. One at a time.
 class GlWindow {
  public:
-  /// `takes_input`: from mouse and keyboard; without, the window does what a script alone says.
   /// Throws DeviceError where there is no display or OpenGL is too old.
-  GlWindow(int width, int height, bool takes_input);
+  GlWindow(int width, int height);
   ~GlWindow();
   GlWindow(const GlWindow&) = delete;
   GlWindow& operator=(const GlWindow&) = delete;
@@ -79,7 +77,6 @@ struct WindowContent {
   std::function<void(const InputEvent&)> handle;
   /// Panels and what they show; all but total_ms and draw_ms of the time that it took.
   std::function<FrameTime()> draw;
-  ScriptStage stage;
 };
 
 /// Shows a message, and since when it is there, until `is_done`, called with the time that it may wait,
@@ -88,8 +85,7 @@ bool show_message_until(GlWindow& window, const std::string& message,
                         const std::function<bool(std::chrono::milliseconds patience)>& is_done,
                         const RunContext& run);
 
-/// Shows `content` until the window is closed, sleeping while nothing happens. `script`: a file of commands,
-/// or "-". Throws InputError for a wrong line of it, and Interrupted.
-void run_window(GlWindow& window, const std::optional<std::string>& script, const WindowContent& content);
+/// Shows `content` until the window is closed, sleeping while nothing happens. Throws Interrupted.
+void run_window(GlWindow& window, const WindowContent& content);
 
 }  // namespace refield

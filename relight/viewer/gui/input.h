@@ -11,8 +11,7 @@
 
 namespace refield {
 
-/// What a window's user does. Positions are pixels of the window, top left first. A script makes the same
-/// events as mouse and keyboard, and they go the same way from there.
+/// What a window's user does. Positions are pixels of the window, top left first.
 struct MouseMoved {
   double x = 0.0;
   double y = 0.0;

@@ -111,7 +111,7 @@ void label(const char* text) {
   ImGui::SetNextItemWidth(-1.0f);
 }
 
-bool button(WindowState& window, const char* name, bool is_on) {
+bool button(const char* name, bool is_on) {
   if (is_on) {
     ImGui::PushStyleColor(ImGuiCol_Button, accent_colour);
     ImGui::PushStyleColor(ImGuiCol_ButtonHovered, accent_colour);
@@ -119,16 +119,7 @@ bool button(WindowState& window, const char* name, bool is_on) {
   }
   const bool is_pressed = ImGui::Button(name);
   if (is_on) ImGui::PopStyleColor(3);
-  note_control(window, name);
   return is_pressed;
-}
-
-void note_control(WindowState& window, const std::string& name) {
-  const ImVec2 low = ImGui::GetItemRectMin(), high = ImGui::GetItemRectMax();
-  const Point middle{0.5 * (low.x + high.x), 0.5 * (low.y + high.y)};
-  // At least half of it, so that the middle can be clicked.
-  const bool is_visible = ImGui::IsRectVisible(vector(middle.x - 1.0, middle.y - 1.0), vector(middle));
-  window.controls[name] = {middle, is_visible};
 }
 
 bool stops_slider(const char* name, const char* id, double& factor, float low, float high) {
@@ -139,12 +130,12 @@ bool stops_slider(const char* name, const char* id, double& factor, float low, f
   return true;
 }
 
-bool tone_controls(WindowState& window, ToneMapping& tone) {
+bool tone_controls(ToneMapping& tone) {
   bool is_changed = stops_slider("Exposure", "##exposure", tone.exposure, -20.0f, 20.0f);
   label("Tone curve");
   for (const ToneOperator each : tone_operators) {
     const std::string name(name_of(each));
-    if (button(window, name.c_str(), tone.curve == each)) {
+    if (button(name.c_str(), tone.curve == each)) {
       tone.curve = each;
       is_changed = true;
     }
@@ -155,25 +146,37 @@ bool tone_controls(WindowState& window, ToneMapping& tone) {
 }
 
 void window_buttons(WindowState& window, const std::string& stem) {
-  if (button(window, "Save")) ask_where_to_save(window, stem);
+  if (button("Save")) ask_where_to_save(window, stem);
   ImGui::SameLine();
-  if (button(window, "Screenshot")) window.wants_screenshot = true;
+  if (button("Screenshot")) window.wants_screenshot = true;
   ImGui::SameLine();
-  if (button(window, "Help", window.shows_help)) window.shows_help = !window.shows_help;
+  if (button("Help", window.shows_help)) window.shows_help = !window.shows_help;
 }
 
 namespace fs = std::filesystem;
 
 namespace {
 
+/// Means over the recent frames; of the light map and relighting over those that relit.
 std::string time_text(const WindowState& window) {
-  const FrameStatistics recent = frame_statistics({window.recent_frames.begin(), window.recent_frames.end()});
-  if (recent.frames == 0) return "";
-  const FrameTime& mean = recent.mean;
-  const std::string light = mean.light_ms > 0.0 ? formatted("light map %.1f ms · ", mean.light_ms) : "";
-  const std::string view = mean.view_ms > 0.0 ? formatted("view %.1f ms · ", mean.view_ms) : "";
-  return light + formatted("relighting %.1f ms · ", mean.relight_ms) + view +
-         formatted("drawing %.1f ms · %.0f frames/s", mean.tone_ms + mean.draw_ms, recent.per_second);
+  if (window.recent_frames.empty()) return "";
+  FrameTime sum;
+  double relit = 0.0;
+  for (const FrameTime& frame : window.recent_frames) {
+    sum.total_ms += frame.total_ms;
+    sum.relight_ms += frame.relight_ms;
+    sum.light_ms += frame.light_ms;
+    sum.view_ms += frame.view_ms;
+    sum.draw_ms += frame.tone_ms + frame.draw_ms;
+    relit += frame.relight_ms > 0.0 ? 1.0 : 0.0;
+  }
+  const auto frames = static_cast<double>(window.recent_frames.size());
+  relit = std::max(relit, 1.0);
+  const std::string light = sum.light_ms > 0.0 ? formatted("light map %.1f ms · ", sum.light_ms / relit) : "",
+                    view = sum.view_ms > 0.0 ? formatted("view %.1f ms · ", sum.view_ms / frames) : "";
+  return light + formatted("relighting %.1f ms · ", sum.relight_ms / relit) + view +
+         formatted("drawing %.1f ms · %.0f frames/s", sum.draw_ms / frames,
+                   sum.total_ms > 0.0 ? 1000.0 * frames / sum.total_ms : 0.0);
 }
 
 /// A key, below its group's name where the group begins; the number of lines.
@@ -187,11 +190,9 @@ std::size_t help_line(const ShortcutKey& key, bool begins_group) {
   return begins_group ? 2 : 1;
 }
 
-/// A line that can be clicked, and found by scripts under its text.
-bool line(WindowState& window, const std::string& text, const std::string& id) {
-  const bool is_clicked = ImGui::Selectable((text + "##" + id).c_str());
-  note_control(window, text);
-  return is_clicked;
+/// A line that can be clicked.
+bool line(const std::string& text, const std::string& id) {
+  return ImGui::Selectable((text + "##" + id).c_str());
 }
 
 /// Goes to a folder, or takes a file.
@@ -207,16 +208,16 @@ std::optional<fs::path> typed_path(FileDialog& dialog) {
   return typed.empty() ? std::nullopt : follow(dialog, dialog.folder / typed);  // absolute ones stay
 }
 
-std::optional<fs::path> draw_folder(WindowState& window, FileDialog& dialog, double height) {
+std::optional<fs::path> draw_folder(FileDialog& dialog, double height) {
   std::optional<fs::path> chosen;
   ImGui::TextDisabled("%s", dialog.folder.c_str());
   ImGui::BeginChild("##folder", vector(0.0, height), true);
   fs::path entered;
-  if (dialog.folder.has_relative_path() && line(window, "..", "up")) entered = dialog.folder.parent_path();
+  if (dialog.folder.has_relative_path() && line("..", "up")) entered = dialog.folder.parent_path();
   for (const fs::path& folder : dialog.folders)
-    if (line(window, folder.filename().string() + "/", "folder")) entered = folder;
+    if (line(folder.filename().string() + "/", "folder")) entered = folder;
   for (const fs::path& file : dialog.files)
-    if (line(window, file.filename().string(), "file")) {
+    if (line(file.filename().string(), "file")) {
       chosen = file;
       dialog.type(file.filename().string());
     }
@@ -330,11 +331,11 @@ void draw_file_dialog(WindowState& window, const Area& area,
   if (ImGui::InputTextWithHint("##path", "Name or path, then Enter", dialog.typed.data(), dialog.typed.size(),
                                ImGuiInputTextFlags_EnterReturnsTrue | ImGuiInputTextFlags_AutoSelectAll))
     chosen = typed_path(dialog);
-  const auto in_folder = draw_folder(window, dialog, std::clamp(area.height - 360.0, 90.0, 260.0));
+  const auto in_folder = draw_folder(dialog, std::clamp(area.height - 360.0, 90.0, 260.0));
   if (opens && in_folder) chosen = in_folder;  // a click opens; saving over a file takes one more
-  if (button(window, opens ? "Open file" : "Save file")) chosen = typed_path(dialog);
+  if (button(opens ? "Open file" : "Save file")) chosen = typed_path(dialog);
   ImGui::SameLine();
-  const bool is_left = button(window, "Cancel");
+  const bool is_left = button("Cancel");
   ImGui::End();
   if (!chosen && !is_left) return;
   if (chosen) take(*chosen);

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/gui/window_state.h"
 
-#include <nlohmann/json.hpp>
-
 #include <algorithm>
-#include <cmath>
 #include <string>
 #include <string_view>
 
@@ -12,47 +9,10 @@
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
-#include "core/image/metrics.h"
 
 namespace refield {
 
 namespace fs = std::filesystem;
-
-FrameStatistics frame_statistics(const std::vector<FrameTime>& frames) {
-  FrameStatistics result;
-  result.frames = frames.size();
-  if (frames.empty()) return result;
-  std::vector<float> totals;
-  for (const FrameTime& frame : frames) {
-    totals.push_back(static_cast<float>(frame.total_ms));
-    result.longest_ms = std::max(result.longest_ms, frame.total_ms);
-    result.relit += frame.relight_ms > 0.0;
-  }
-  const auto mean = [&](double FrameTime::*part, std::size_t count) {
-    double sum = 0.0;
-    for (const FrameTime& frame : frames) sum += frame.*part;
-    return sum / static_cast<double>(std::max<std::size_t>(count, 1));
-  };
-  const std::size_t all = frames.size(), relit = result.relit;
-  result.mean = {mean(&FrameTime::total_ms, all), mean(&FrameTime::relight_ms, relit),
-                 mean(&FrameTime::tone_ms, all),  mean(&FrameTime::draw_ms, all),
-                 mean(&FrameTime::view_ms, all),  mean(&FrameTime::light_ms, relit),
-                 mean(&FrameTime::wait_ms, all)};
-  if (result.mean.total_ms > 0.0) result.per_second = 1000.0 / result.mean.total_ms;
-  result.percentile_95_ms = quantile(std::move(totals), 0.95);
-  return result;
-}
-
-std::string text_of(const FrameStatistics& statistics) {
-  const FrameTime& mean = statistics.mean;
-  const std::string light = mean.light_ms > 0.0 ? formatted("light map %.1f ms and ", mean.light_ms) : "",
-                    view = mean.view_ms > 0.0 ? formatted(" view %.1f ms,", mean.view_ms) : "";
-  return formatted(
-      "%zu frames, %.1f per second (95 %% within %.1f ms, longest %.1f ms): %srelighting %.1f ms in %zu of "
-      "them,%s tone mapping %.1f ms, drawing %.1f ms",
-      statistics.frames, statistics.per_second, statistics.percentile_95_ms, statistics.longest_ms,
-      light.c_str(), mean.relight_ms, statistics.relit, view.c_str(), mean.tone_ms, mean.draw_ms);
-}
 
 namespace {
 
@@ -98,13 +58,6 @@ void FileDialog::type(const std::string& text) {
 void ask_where_to_save(WindowState& window, const std::string& stem) {
   window.dialog.emplace(FileDialog::Purpose::save, ".");
   window.dialog->type(free_name(stem, ".exr").string());
-}
-
-std::string controls_text(const WindowState& window) {
-  nlohmann::json visible = nlohmann::json::object();
-  for (const auto& [label, control] : window.controls)
-    if (control.is_visible) visible[label] = {std::lround(control.middle.x), std::lround(control.middle.y)};
-  return "\"controls\": " + visible.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 void say(WindowState& window, const std::string& text) {

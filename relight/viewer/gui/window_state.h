@@ -6,7 +6,6 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -30,32 +29,11 @@ struct FrameTime {
   double wait_ms = 0.0;   ///< of the frame: relighting, or waiting for it where it is done in the background
 };
 
-/// Means over a series of frames.
-struct FrameStatistics {
-  std::size_t frames = 0;
-  std::size_t relit = 0;  ///< frames with a newly relit image; light_ms and relight_ms are their means
-  double per_second = 0.0;
-  double percentile_95_ms = 0.0;
-  double longest_ms = 0.0;
-  FrameTime mean;
-};
-FrameStatistics frame_statistics(const std::vector<FrameTime>& frames);
-
-/// "60 frames, 41.2 per second (95 % within 30.1 ms, longest 33.0 ms): light map 2.1 ms and relighting 8.0 ms
-/// in 58 of them, tone mapping 3.1 ms, drawing 9.9 ms"
-std::string text_of(const FrameStatistics& statistics);
-
 /// A word to the user, shown for a few seconds.
 struct Notice {
   std::string text;
   bool is_error = false;
   std::chrono::steady_clock::time_point until;
-};
-
-/// A button or a line of a list, for scripts.
-struct Control {
-  Point middle;
-  bool is_visible = true;  ///< not scrolled out of its panel
 };
 
 /// Choosing a file to open or to save to, in one folder.
@@ -78,8 +56,7 @@ struct FileDialog {
 
 /// What every window of the viewer keeps between frames, whatever it shows.
 struct WindowState {
-  RunContext run;                           ///< for what the window starts; notices are notes, too
-  std::map<std::string, Control> controls;  ///< by their labels
+  RunContext run;  ///< for what the window starts; notices are notes, too
   std::optional<FileDialog> dialog;
   double help_height = 0.0;  ///< window pixels, as drawn last
   std::optional<Notice> notice;
@@ -91,9 +68,6 @@ struct WindowState {
 
 /// A dialog that saves under a free name of this stem.
 void ask_where_to_save(WindowState& window, const std::string& stem);
-
-/// Of the controls that can be seen: `"controls": {"Open": [x, y], …}`.
-std::string controls_text(const WindowState& window);
 
 void say(WindowState& window, const std::string& text);
 void complain(WindowState& window, const std::string& text);

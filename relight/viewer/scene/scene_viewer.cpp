@@ -3,7 +3,6 @@
 
 #include <GLFW/glfw3.h>
 #include <imgui.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -20,7 +19,6 @@
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/gl_window.h"
 #include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/widgets.h"
 #include "relight/viewer/gui/window_state.h"
 #include "relight/viewer/scene/scene_state.h"
@@ -38,7 +36,7 @@ struct HeldThing {
   bool is_dragging = false;  ///< further than a click may shake
 };
 
-/// The viewer of moving scenes between frames. Panels draw it and change it; so do shortcuts and scripts.
+/// The viewer of moving scenes between frames. Panels and shortcuts change it.
 struct SceneApp : WindowState {
   SceneApp(MovingScene scene, const RunContext& context) : state(std::move(scene)) { run = context; }
 
@@ -153,50 +151,9 @@ std::vector<Shortcut<SceneApp>> make_scene_shortcuts() {
   };
 }
 
-/// One line of JSON on standard output, for tests that look into screenshots.
-void print_scene_places(const SceneApp& app) {
-  const SceneState& state = app.state;
-  nlohmann::ordered_json things = nlohmann::ordered_json::array();
-  for (std::size_t thing = 0; thing < state.scene().things.size(); ++thing) {
-    const Eigen::Vector3f middle = state.middle(thing);
-    const Handling& handling = state.handling(thing);
-    things.push_back({{"name", state.scene().things[thing].name},
-                      {"middle", {middle.x(), middle.y(), middle.z()}},
-                      {"turn", handling.turn_degrees},
-                      {"gain", handling.gain}});
-  }
-  const std::string selected = app.selected ? std::to_string(*app.selected) : "null";
-  std::printf(
-      "{\"image\": %s, \"time\": %.9g, \"bounces\": %d, \"selected\": %s, \"exposure\": %.9g, %s, "
-      "\"things\": %s}\n",
-      canvas_text(app.picture, state.radiance().width, state.radiance().height).c_str(), state.time(),
-      state.bounces(), selected.c_str(), state.tone().exposure, camera_text(state.view().camera()).c_str(),
-      things.dump().c_str());
-  std::fflush(stdout);
-}
-
-void perform_in_scene(SceneApp& app, const ScriptCommand& command) {
-  if (command.verb == "where") return print_scene_places(app);
-  if (command.verb == "save") return save_scene_picture(app, command.text);
-  if (command.verb == "pan") return app.state.view().move().pan(command.numbers[0], command.numbers[1]);
-  throw InputError("this command requires a field, but a dynamic scene is shown");
-}
-
 const std::vector<Shortcut<SceneApp>>& scene_shortcuts() {
   static const std::vector<Shortcut<SceneApp>> all = make_scene_shortcuts();
   return all;
-}
-
-/// What scripts can do; `app` must outlive it.
-ScriptStage scene_stage(SceneApp& app) {
-  return {.window_point =
-              [&app](bool on_light, double x, double y) {
-                if (on_light)
-                  throw InputError("a dynamic scene has no light map; give positions in the image");
-                return app.picture.window_from_image({x, y});
-              },
-          .key = [](const std::string& name) { return key_named(keys_of(scene_shortcuts()), name); },
-          .perform = [&app](const ScriptCommand& command) { perform_in_scene(app, command); }};
 }
 
 constexpr double margin = 8.0, status = 30.0, side = 380.0;
@@ -304,10 +261,10 @@ void motion_section(SceneApp& app) {
   SceneState& state = app.state;
   heading("MOTION");
   if (state.scene().duration > 0.0) {
-    if (button(app, "Play", app.is_playing)) app.is_playing = !app.is_playing;
+    if (button("Play", app.is_playing)) app.is_playing = !app.is_playing;
     ImGui::SameLine();
   }
-  if (button(app, "Start over")) state.start_over();
+  if (button("Start over")) state.start_over();
   if (state.scene().duration > 0.0) {
     label("Time");
     auto time = static_cast<float>(state.time());
@@ -327,7 +284,7 @@ void things_section(SceneApp& app) {
     const float width = ImGui::CalcTextSize(things[thing].name.c_str()).x +
                         2.0f * ImGui::GetStyle().FramePadding.x + ImGui::GetStyle().ItemSpacing.x;
     if (thing > 0 && ImGui::GetItemRectMax().x + width < right) ImGui::SameLine();
-    if (button(app, things[thing].name.c_str(), app.selected == thing)) app.selected = thing;
+    if (button(things[thing].name.c_str(), app.selected == thing)) app.selected = thing;
   }
   if (!app.selected) return;
   SceneState& state = app.state;
@@ -348,19 +305,18 @@ void things_section(SceneApp& app) {
     if (stops_slider("Brighter", "##gain", gain, -8.0f, 8.0f))
       change_handling(app, [=](Handling& handling) { handling.gain = gain; });
   }
-  if (button(app, "Reset object")) change_handling(app, [](Handling& handling) { handling = {}; });
+  if (button("Reset object")) change_handling(app, [](Handling& handling) { handling = {}; });
 }
 
 void draw_scene_controls(SceneApp& app, const Area& area) {
   begin_panel("##controls", area, true);
-  app.controls.clear();
   window_buttons(app, "scene");
   heading("PICTURE");
   ToneMapping tone = app.state.tone();
-  if (tone_controls(app, tone)) app.state.set_tone(tone);
-  if (button(app, "Auto-expose")) app.state.expose();
+  if (tone_controls(tone)) app.state.set_tone(tone);
+  if (button("Auto-expose")) app.state.expose();
   ImGui::SameLine();
-  if (button(app, "Reset camera")) app.state.view().move().reset();
+  if (button("Reset camera")) app.state.view().move().reset();
   motion_section(app);
   things_section(app);
   end_panel();
@@ -411,7 +367,7 @@ void run_scene_viewer(const std::string& name, const std::function<MovingScene()
   std::unique_ptr<SceneApp> opened;
   constexpr std::chrono::milliseconds patience_before_window(150);
   if (reading.wait_for(patience_before_window)) opened = reading.take();  // errors come before a window
-  GlWindow window(options.width, options.height, !options.script);
+  GlWindow window(options.width, options.height);
   if (!opened) {
     window.set_title(name + " – refield");
     const auto is_done = [&](std::chrono::milliseconds wait) { return reading.wait_for(wait); };
@@ -420,15 +376,13 @@ void run_scene_viewer(const std::string& name, const std::function<MovingScene()
   }
   SceneApp& app = *opened;
   Texture picture;  // gone before the window
-  run_window(window, options.script,
-             {.state = app,
-              .title = [&] { return app.state.scene().name; },
-              .wants_frame = [&] { return app.state.view().wants_rest(); },
-              .is_moving = [&] { return app.is_playing; },
-              .advance = [&](double seconds) { app.state.advance(seconds); },
-              .handle = [&](const InputEvent& event) { handle_in_scene(app, event); },
-              .draw = [&] { return draw_scene(app, picture); },
-              .stage = scene_stage(app)});
+  run_window(window, {.state = app,
+                      .title = [&] { return app.state.scene().name; },
+                      .wants_frame = [&] { return app.state.view().wants_rest(); },
+                      .is_moving = [&] { return app.is_playing; },
+                      .advance = [&](double seconds) { app.state.advance(seconds); },
+                      .handle = [&](const InputEvent& event) { handle_in_scene(app, event); },
+                      .draw = [&] { return draw_scene(app, picture); }});
 }
 
 }  // namespace refield

@@ -2,20 +2,13 @@
 // Large fields in the viewer: coarse pixels of all of the image, and those of the visible region.
 #include "relight/viewer/field/detail_loader.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <nlohmann/json.hpp>
-#include <sstream>
 
-#include "core/base/files.h"
-#include "core/image/image_io.h"
 #include "relight/viewer/field/view_state.h"
-#include "relight/viewer/viewer.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
-#include "tests/support/virtual_screen.h"
 
 namespace refield {
 namespace {
@@ -138,41 +131,6 @@ TEST_F(LargeField, IsRelitWhereItIsSeen) {
     for (int x = 3; x < 9; ++x)
       for (int c = 0; c < 3; ++c) probe.radiance.at(x, y, c) = 1.0f;
   expect_pixels(state.radiance(), detail, probe);
-}
-
-TEST_F(LargeField, WindowReadsWhatItShows) {
-  if (!test::is_installed("Xvfb")) GTEST_SKIP() << "SKIPPED: Xvfb is not installed (Debian package xvfb)";
-#ifdef __SANITIZE_THREAD__
-  GTEST_SKIP() << "SKIPPED: the software renderer's threads are not instrumented";
-#endif
-  const test::VirtualScreen screen(1280, 820);
-  ASSERT_TRUE(screen.is_up()) << "Xvfb does not start";
-  const auto script = (folder_ / "script").string(), saved = (folder_ / "detail.exr").string(),
-             light = (folder_ / "light.exr").string();
-  write_text_atomically(
-      script, "where\nkey Z\nwait 2\nwhere\npan 60 -40\nwait 2\nwhere\ndrag light 8 6 14 6 4\nsave " + saved +
-                  "\nsave-light " + light + "\nkey F\nwait 2\nwhere\nquit\n");
-  testing::internal::CaptureStdout();
-  run_viewer(file_, std::nullopt,
-             {.script = script, .width = 1000, .height = 700, .large_from_bytes = any_size}, {});
-  std::istringstream printed(testing::internal::GetCapturedStdout());
-  std::vector<nlohmann::json> places;
-  for (std::string line; std::getline(printed, line);) places.push_back(nlohmann::json::parse(line));
-  ASSERT_EQ(places.size(), 4U);
-  EXPECT_EQ(places[0]["image"]["width"], width);
-  EXPECT_EQ(places[0]["pixels"]["stride"], 2);
-  EXPECT_EQ(places[3]["pixels"], places[0]["pixels"]);
-  const auto shift = [&](const char* axis) {
-    return places[2]["image"][axis].get<double>() - places[1]["image"][axis].get<double>();
-  };
-  EXPECT_EQ(shift("x"), 60.0);
-  EXPECT_EQ(shift("y"), -40.0);
-  const nlohmann::json& detail = places[2]["pixels"];
-  EXPECT_EQ(detail["stride"], 1);
-  const std::vector<int> corners = detail["region"];
-  EXPECT_LT(corners[2] - corners[0], width);
-  const LightMap shown{read_image(light), domain.parameterisation};
-  expect_pixels(read_image(saved), {{corners[0], corners[1], corners[2], corners[3]}, 1}, shown);
 }
 
 }  // namespace

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the viewer's window is made of, without the window.
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <tbb/parallel_for.h>
 
@@ -16,15 +15,12 @@
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
 #include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/script.h"
 #include "relight/viewer/gui/window_state.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {
 namespace {
-
-using testing::HasSubstr;
 
 double mean(const Image& image) {
   double sum = 0.0;
@@ -90,65 +86,6 @@ TEST(Canvas, FitsZoomsAndPans) {
   EXPECT_DOUBLE_EQ(canvas.scale(), 2.0);
   canvas.zoom_about(fixed, 1e9);
   EXPECT_DOUBLE_EQ(canvas.scale(), 64.0);
-}
-
-TEST(FrameStatistics, AreMeans) {
-  EXPECT_EQ(frame_statistics({}).frames, 0U);
-  const auto statistics = frame_statistics({{10, 0, 1, 2}, {30, 8, 3, 4}});
-  EXPECT_EQ(statistics.frames, 2U);
-  EXPECT_EQ(statistics.relit, 1U);
-  EXPECT_DOUBLE_EQ(statistics.per_second, 50.0);
-  EXPECT_DOUBLE_EQ(statistics.mean.relight_ms, 8.0);
-  EXPECT_DOUBLE_EQ(statistics.mean.tone_ms, 2.0);
-  EXPECT_DOUBLE_EQ(statistics.longest_ms, 30.0);
-  EXPECT_THAT(text_of(statistics), HasSubstr("2 frames, 50.0 per second"));
-}
-
-TEST(Script, ReadsCommands) {
-  EXPECT_FALSE(parse_script_line("", 1));
-  EXPECT_FALSE(parse_script_line("  # a comment", 1));
-  const auto load = parse_script_line("load my sky.exr \r", 1);
-  ASSERT_TRUE(load);
-  EXPECT_EQ(load->verb, "load");
-  EXPECT_EQ(load->text, "my sky.exr");
-  const auto drag = parse_script_line("\tdrag light 1 2.5 -3 4", 7);
-  ASSERT_TRUE(drag);
-  EXPECT_TRUE(drag->on_light);
-  EXPECT_EQ(drag->numbers, (std::vector<double>{1, 2.5, -3, 4}));
-  EXPECT_EQ(drag->line, 7);
-  EXPECT_EQ(parse_script_line("drag image 1 2 3 4 60", 1)->numbers.size(), 5U);
-}
-
-TEST(Script, SaysWhatIsWrongAndWhere) {
-  const auto message = [](const std::string& line) {
-    try {
-      parse_script_line(line, 12);
-    } catch (const InputError& error) {
-      return std::string(error.what());
-    }
-    return std::string("nothing");
-  };
-  EXPECT_THAT(message("drga light 1 2 3 4"),
-              HasSubstr("line 12: there is no command 'drga'; there are load,"));
-  EXPECT_THAT(message("pick 1"), HasSubstr("write pick X Y"));
-  EXPECT_THAT(message("pick 1 2 3"), HasSubstr("write pick X Y"));
-  EXPECT_THAT(message("pick one 2"), HasSubstr("'one' is no number"));
-  for (const std::string value : {"nan", "-nan", "inf", "-infinity", "1e999"})
-    EXPECT_THAT(message("wait " + value), HasSubstr("line 12: '" + value + "' is no number"));
-  EXPECT_THAT(message("scroll scene 1 2 1"), HasSubstr("neither image nor light"));
-  EXPECT_THAT(message("load"), HasSubstr("write load FILE"));
-}
-
-TEST(Script, IsReadBeforeItIsPlayed) {
-  const test::TemporaryFolder folder;
-  write_text_atomically(folder / "good", "# begin\npick 1 2\n\nquit");
-  ScriptSource source((folder / "good").string());
-  EXPECT_EQ(source.next()->line, 2);
-  EXPECT_EQ(source.next()->verb, "quit");
-  EXPECT_FALSE(source.next());
-  write_text_atomically(folder / "bad", "pick 1 2\njump\n");
-  EXPECT_THROW(ScriptSource((folder / "bad").string()), InputError);
-  EXPECT_THROW(ScriptSource((folder / "missing").string()), DeviceError);
 }
 
 TEST(BackgroundJob, GivesResultsAndErrors) {
