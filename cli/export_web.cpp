@@ -37,7 +37,7 @@ struct ExportWebOptions {
 /// a monitor's window as panoramas.
 std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const ReflectanceField& field) {
   constexpr int max_columns = 1024;  // finer than the texels of most windows
-  LightDomain domain = web::page_domain(field.basis);
+  LightDomain domain = field.basis.domain;
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && field.monitors.size() != 1)
     throw InputError(
@@ -116,7 +116,6 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                          "Export a reflectance field as a web page for interactive relighting.\n"
                          "\n"
                          "The page runs in any browser with WebGL 2, from disk or from a static web server.\n"
-                         "Meshes are shown from a camera that moves around them.\n"
                          "\n"
                          "Example:\n"
                          "  refield export-web scene.rfield -o page\n"

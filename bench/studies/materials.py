@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Checks how materials of glTF and OBJ files are shown: ten meshes beside Blender's Cycles, and their exported pages.
+"""Checks how materials of glTF and OBJ files are shown: ten meshes beside Blender's Cycles.
 
     bench/studies/materials.py MESH_FOLDER -o OUT --program build/release/cli/refield
 
@@ -8,14 +8,13 @@ Writes seven meshes, takes three from MESH_FOLDER (npm_teapot.obj, pmndrs_bunny.
 with `refield precompute`: by harmonics where it has lobes, else by light clusters with two reflections. All are relit by
 one smooth environment map and compared with Cycles, which draws the same triangles with its Principled BSDF; base colour,
 metallic and roughness are given to it at the vertices, from the formulas that textures and factors of the files were made
-from, so that nothing of the reading of materials is shared. The exported page of each field is driven by
-tests/cli/drive_mesh_page.py.
+from, so that nothing of the reading of materials is shared.
 
 Prints a table: file, materials, method, vertices, relative RMSE over the pixels that the mesh covers whole, ratio of mean
-brightness, noise of Cycles, result of the page. Leaves the files and, per mesh, refield's picture, that of Cycles and four
+brightness, noise of Cycles. Leaves the files and, per mesh, refield's picture, that of Cycles and four
 times their difference in OUT/NAME/sky.png.
 
-Needs Debian's blender, chromium, chromium-driver, numpy, h5py and the Python module of OpenImageIO.
+Needs Debian's blender, numpy, h5py and the Python module of OpenImageIO.
 """
 import argparse
 import json
@@ -281,14 +280,8 @@ def measure(case, sky, arguments):
     data["colours"], data["lobes"] = case.surface(data["positions"] * [1, 1, -1])
     halves, = cycles.trace(data, [sky], folder, arguments.size, arguments.samples, BOUNCES if glossy else 2)
     error, _, brightness, noise = cycles.compare(arguments.program, field, sky, halves, folder, arguments.size)
-    driver = pathlib.Path(__file__).resolve().parents[2] / "tests/cli/drive_mesh_page.py"
-    page = subprocess.run([sys.executable, "-B", driver, arguments.program, field, folder / "page", folder / "page.png"],
-                          capture_output=True, text=True)
-    (folder / "page.txt").write_text(page.stdout + page.stderr)
-    passed = sum(line.startswith("ok") for line in page.stdout.splitlines())
-    result = {0: f"{passed} of {passed}", 77: "no Chromium"}.get(page.returncode, "WRONG, see page.txt")
     return [case.file.name, case.materials, "harmonics" if glossy else "clusters", str(len(data["positions"])), f"{error:.3f}",
-            f"{brightness:.3f}", f"{noise:.3f}", result]
+            f"{brightness:.3f}", f"{noise:.3f}"]
 
 
 def main():
@@ -303,7 +296,7 @@ def main():
     arguments.output.mkdir(parents=True, exist_ok=True)
     sky = arguments.output / "sky.exr"
     write_sky(sky)
-    print("| file | materials | method | vertices | error | brightness | noise | page |\n| --- | --- | --- | --- | --- | --- | --- | --- |")
+    print("| file | materials | method | vertices | error | brightness | noise |\n| --- | --- | --- | --- | --- | --- | --- |")
     for case in [*generated(arguments.output), *collected(arguments.meshes)]:
         if arguments.only in (None, case.file.stem):
             print("| " + " | ".join(measure(case, sky, arguments)) + " |", flush=True)

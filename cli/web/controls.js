@@ -6,7 +6,6 @@ const controls = (() => {
   function connect(viewer) {
     connectInputs(viewer);
     connectCanvases(viewer);
-    if (viewer.relighter.camera) connectCamera(viewer);
     addEventListener('dragover', (event) => event.preventDefault());
     addEventListener('drop', (event) => {
       event.preventDefault();
@@ -34,8 +33,6 @@ const controls = (() => {
     viewer.field.maps.forEach(({name}, index) => maps.add(new Option(name, index)));
     maps.closest('.row').classList.toggle('off', viewer.field.maps.length === 0);
     on('maps', 'change', () => { if (maps.value !== '') viewer.loadIncluded(Number(maps.value)); });
-    on('background', 'change', (event) => { viewer.relighter.background = event.target.checked; viewer.changed(false); });
-    Viewer.element('background').closest('.row').classList.toggle('off', !viewer.field.mesh);
     on('reset', 'click', () => viewer.reset());
     on('play', 'click', () => {
       viewer.state.playing = !viewer.state.playing;
@@ -67,55 +64,6 @@ const controls = (() => {
     for (const type of ['pointerup', 'pointercancel']) canvas.addEventListener(type, () => { dragged = null; });
     Viewer.element('scene').addEventListener('click', (event) => {
       viewer.pick(...pixelAt(event, viewer.field));
-    });
-  }
-
-  /// One pointer orbits, or pans with Shift or the right button; two pan and approach.
-  function connectCamera(viewer) {
-    const canvas = Viewer.element('scene'), pointers = new Map(), degreesPerPicture = 360, degreesPerKey = 5;
-    canvas.setAttribute('aria-label', 'The mesh under the light; drag or press arrow keys to orbit, plus and minus to approach');
-    canvas.classList.add('orbit');
-    const middle = () => {
-      const all = [...pointers.values()], sum = (key) => all.reduce((total, at) => total + at[key], 0) / all.length;
-      return {x: sum('x'), y: sum('y'), spread: all.length < 2 ? 0 : Math.hypot(all[0].x - all[1].x, all[0].y - all[1].y)};
-    };
-    const moved = (before, now, pans) => viewer.moveCamera((camera) => {
-      const {width, height} = canvas.getBoundingClientRect(), pixels = Math.max(viewer.field.width / width, viewer.field.height / height);
-      const right = now.x - before.x, down = now.y - before.y;
-      if (pans) camera.pan(right * pixels, down * pixels);
-      else camera.orbit(-right * degreesPerPicture / width, down * degreesPerPicture / width);
-      if (before.spread > 0 && now.spread > 0) camera.approach(now.spread / before.spread);
-    });
-    canvas.addEventListener('pointerdown', (event) => {
-      canvas.setPointerCapture(event.pointerId);
-      pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
-    });
-    canvas.addEventListener('pointermove', (event) => {
-      if (!pointers.has(event.pointerId)) return;
-      const before = middle();
-      pointers.set(event.pointerId, {x: event.clientX, y: event.clientY});
-      moved(before, middle(), pointers.size > 1 || event.shiftKey || (event.buttons & 2) !== 0);
-    });
-    for (const type of ['pointerup', 'pointercancel']) canvas.addEventListener(type, (event) => pointers.delete(event.pointerId));
-    canvas.addEventListener('contextmenu', (event) => event.preventDefault());
-    canvas.addEventListener('wheel', (event) => {
-      event.preventDefault();
-      const lines = event.deltaMode === 0 ? event.deltaY / 100 : event.deltaY / 3;
-      viewer.moveCamera((camera) => camera.approach(1.1 ** -lines));
-    }, {passive: false});
-    canvas.addEventListener('keydown', (event) => {
-      const turn = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[event.key];
-      const factor = {'+': 1.1, '=': 1.1, '-': 1 / 1.1}[event.key];
-      if (!turn && !factor) return;
-      event.preventDefault();
-      viewer.moveCamera((camera) => {
-        if (factor) camera.approach(factor);
-        else camera.orbit(turn[0] * degreesPerKey, turn[1] * degreesPerKey);
-      });
-    });
-    addEventListener('keydown', (event) => {
-      if ((event.key === 'f' || event.key === 'F') && !event.ctrlKey && !event.metaKey && event.target.tagName !== 'INPUT')
-        viewer.moveCamera((camera) => camera.reset());
     });
   }
 

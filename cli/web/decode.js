@@ -50,7 +50,7 @@ const refield = (() => {
     finish() {
       if (this.significance !== this.bytes && this.values > 0) throw new Error('the data are incomplete; export the page again');
       if (this.kind === 'half') return Float32Array.from(this.result, valueOfHalf);
-      return this.kind === 'float' ? new Float32Array(this.result.buffer) : this.result;
+      return this.result;
     }
   }
 
@@ -72,8 +72,8 @@ const refield = (() => {
     return starts;
   }
 
-  /// {width, height, light, hats, harmonics, exponentOffset, exposure, title, mixing (3 × 3, row by row)} and the arrays: of a picture starts, kernels,
-  /// weights, boxes; of a mesh what mesh.js says. boxes holds all x0, then y0, x1, y1. `onProgress` is called with a share
+  /// {width, height, light, hats, exponentOffset, exposure, title, mixing (3 × 3, row by row)} and the arrays: starts, kernels,
+  /// weights, boxes. boxes holds all x0, then y0, x1, y1. `onProgress` is called with a share
   /// from 0 to 1.
   async function loadField(onProgress) {
     await loadScript('data.js');
@@ -83,7 +83,7 @@ const refield = (() => {
     const onPart = () => onProgress(++done / total);
     const field = {mixing: [1, 0, 0, 0, 1, 0, 0, 0, 1], ...description, exponentOffset: description.exponent_offset};
     for (const name of loaded) field[name] = await loadArray(arrays[name], onPart);
-    if (!field.mesh) field.starts = startsOf(field.counts);
+    field.starts = startsOf(field.counts);
     return field;
   }
 

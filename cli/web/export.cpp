@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/web/export.h"
 
-#include <tbb/parallel_for.h>
 #include <zlib.h>
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <functional>
 #include <limits>
 #include <new>
-#include <numeric>
 #include <set>
 #include <span>
 #include <vector>
@@ -26,12 +23,9 @@
 #include "core/base/json_text.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
-#include "core/field/mesh.h"
-#include "core/field/transfer_tiles.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/image/tone_map.h"
-#include "relight/mesh/mesh_view.h"
 #include "relight/sequence.h"
 
 namespace refield::web {
@@ -70,41 +64,27 @@ void SharedExponent::unpack(std::uint32_t bits, float* rgb) const {
     rgb[c] = std::ldexp(static_cast<float>(bits >> (mantissa_bits * c) & largest_mantissa), e - offset);
 }
 
+namespace {
+
+/// The basis of a field without the boxes that no pixel uses. `number` [kernels of the field] becomes their
+/// numbers in it.
 LightBasis used_basis(const ReflectanceField& field, std::vector<std::uint32_t>& number) {
   const LightBasis& basis = field.basis;
   std::vector<bool> used(basis.size(), false);
   for (const std::uint32_t kernel : field.transfer.column) used[kernel] = true;
   LightBasis kept = basis;
   kept.boxes.clear();
-  kept.vector_boxes.clear();
   number.assign(basis.size(), 0);
-  const std::size_t first_vector = basis.first_vector_box();
   for (std::size_t k = 0; k < number.size(); ++k) {
-    if (k < first_vector) {
-      number[k] = static_cast<std::uint32_t>(k);
-    } else if (used[k]) {
-      number[k] = static_cast<std::uint32_t>(kept.size());
-      if (basis.is_smooth(k))
-        kept.vector_boxes.push_back(basis.vector_boxes[k - first_vector]);
-      else
-        kept.boxes.push_back(basis.box(k));
-    }
+    const bool is_box = k >= basis.first_vector_box();
+    if (is_box && !used[k]) continue;
+    number[k] = static_cast<std::uint32_t>(is_box ? kept.size() : k);
+    if (is_box) kept.boxes.push_back(basis.box(k));
   }
   return kept;
 }
 
-void require_no_negative_weights(const SparseTransfer& transfer) {
-  if (std::ranges::any_of(transfer.weight, [](float weight) { return weight < 0.0f; }))
-    throw InputError(
-        "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
-        "'refield view'");
-}
-
-LightDomain page_domain(const LightBasis& basis) {
-  // Texels of 0.7°, about as large as the sun; finer ones take longer than a frame to be summed in a browser.
-  constexpr LightDomain panorama{512, 256, Parameterisation::lat_long};
-  return basis.measure == Measure::solid_angle ? panorama : basis.domain;
-}
+}  // namespace
 
 PackedField pack(const ReflectanceField& field, const RunContext& run) {
   constexpr int most = std::numeric_limits<std::uint16_t>::max();
@@ -113,7 +93,14 @@ PackedField pack(const ReflectanceField& field, const RunContext& run) {
     throw InputError("the light map of " + std::to_string(domain.width) + "×" +
                      std::to_string(domain.height) +
                      " is too large for a page; at most 65535 texels per side are supported");
-  require_no_negative_weights(field.transfer);
+  if (field.mesh || field.basis.measure == Measure::solid_angle)
+    throw InputError(
+        "a precomputed field is lit by a cube map, which a page has not; relight it by 'refield relight' or "
+        "'refield view'");
+  if (std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; }))
+    throw InputError(
+        "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
+        "'refield view'");
   PackedField packed;
   packed.width = field.width;
   packed.height = field.height;
@@ -265,11 +252,6 @@ class DataWriter {
   }
 
   /// Numbers one after another, as floats or as half floats.
-  void add_floats(const char* name, std::span<const float> values, const RunContext& run) {
-    std::vector<std::uint32_t> bits(values.size());
-    std::ranges::transform(values, bits.begin(), std::bit_cast<std::uint32_t, float>);
-    add(name, bits, run, "float");
-  }
   void add_halves(const char* name, std::span<const float> values, const RunContext& run) {
     std::vector<std::uint16_t> bits(values.size());
     std::ranges::transform(values, bits.begin(), [](float value) {
@@ -286,51 +268,11 @@ class DataWriter {
   nlohmann::ordered_json arrays_;
 };
 
-/// Corners of vector boxes, then of boxes.
-std::vector<std::uint16_t> corners_of(const LightBasis& basis) {
+std::vector<std::uint16_t> corners_of(const std::vector<Box>& boxes) {
   std::vector<std::uint16_t> corners;
-  for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1}) {
-    for (const VectorBox& of : basis.vector_boxes)
-      corners.push_back(static_cast<std::uint16_t>(of.box.*corner));
-    for (const Box& box : basis.boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
-  }
+  for (const auto corner : {&Box::x0, &Box::y0, &Box::x1, &Box::y1})
+    for (const Box& box : boxes) corners.push_back(static_cast<std::uint16_t>(box.*corner));
   return corners;
-}
-
-/// Corners, and the vectors of vector boxes.
-void add_boxes(const LightBasis& basis, DataWriter& data, const RunContext& run) {
-  data.add("boxes", corners_of(basis), run);
-  if (basis.measure != Measure::solid_angle) return;
-  std::vector<float> vectors;
-  for (const VectorBox& of : basis.vector_boxes)
-    vectors.insert(vectors.end(), of.vector.data(), of.vector.data() + 3);
-  data.add_floats("vectors", vectors, run);
-}
-
-/// Vectors one after another.
-template <class Vector>
-std::span<const float> numbers_of(const std::vector<Vector>& vectors) {
-  static_assert(sizeof(Vector) == 3 * sizeof(float));
-  return {reinterpret_cast<const float*>(vectors.data()), 3 * vectors.size()};
-}
-
-void add_mesh(const PackedMesh& packed, const OutputMesh& mesh, DataWriter& data, const RunContext& run) {
-  // Differences within a group are small.
-  std::vector<std::uint32_t> differences = packed.kernels;
-  for (std::size_t g = 0, at = 0; g < packed.counts.size(); at += packed.counts[g++])
-    for (std::size_t i = at + packed.counts[g]; i-- > at + 1;) differences[i] -= differences[i - 1];
-  data.add("counts", packed.counts, run);
-  data.add("kernels", differences, run);
-  data.add_floats("scales", packed.scales, run);
-  data.add("weights", packed.weights, run);
-  data.add_floats("positions", numbers_of(mesh.positions), run);
-  data.add_halves("colours", numbers_of(mesh.colours), run);
-  data.add_floats("normals", mesh.outgoing_order > 0 ? numbers_of(mesh.normals) : std::span<const float>(),
-                  run);
-  std::vector<std::uint32_t> triangles;
-  for (const auto& triangle : mesh.triangles)
-    triangles.insert(triangles.end(), triangle.begin(), triangle.end());
-  data.add("triangles", triangles, run);
 }
 
 LightMap white_light(const LightDomain& domain) {
@@ -393,26 +335,6 @@ nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWrite
           {"array", array}};
 }
 
-/// What pages of all fields say; `width` and `height` of the picture.
-nlohmann::ordered_json description(const LightBasis& basis, int width, int height, const std::string& title,
-                                   double exposure) {
-  const LightDomain light = page_domain(basis);
-  nlohmann::ordered_json described{{"title", title},
-                                   {"width", width},
-                                   {"height", height},
-                                   {"light",
-                                    {{"width", light.width},
-                                     {"height", light.height},
-                                     {"parameterisation", std::string(name_of(light.parameterisation))}}},
-                                   {"hats", {{"columns", basis.hats.columns}, {"rows", basis.hats.rows}}},
-                                   {"exposure", exposure}};
-  if (basis.measure == Measure::solid_angle) {
-    described["light"]["cube"] = basis.domain.width;
-    described["harmonics"] = basis.harmonics.order;
-  }
-  return described;
-}
-
 nlohmann::ordered_json interpolation_of(const LightInterpolation& of) {
   nlohmann::ordered_json interpolation{{"length", of.length},
                                        {"fineShare", of.fine_share},
@@ -424,37 +346,9 @@ nlohmann::ordered_json interpolation_of(const LightInterpolation& of) {
   return interpolation;
 }
 
-nlohmann::ordered_json three(const Eigen::Vector3f& vector) {
-  return {vector.x(), vector.y(), vector.z()};
-}
-
-/// Adds a field over a mesh and describes it.
-nlohmann::ordered_json add_mesh_field(const ReflectanceField& field, const std::string& title,
-                                      DataWriter& data, ExportReport& report, const RunContext& run) {
-  const PackedMesh packed = pack_mesh(field, run);
-  const PinholeCamera camera = standard_camera(field);
-  const MeshRenderer view(field, camera);
-  const auto full = [&](const LightMap& light) { return view.show(field.relight(light)); };
-  measure(
-      field.basis.domain, full,
-      [&](const LightMap& light) { return view.show(relight(packed, field, light)); }, report, run);
-  add_mesh(packed, *field.mesh, data, run);
-  add_boxes(packed.basis, data, run);
-  auto described = description(packed.basis, camera.width, camera.height, title, report.exposure);
-  described["mesh"] = {{"vertices", field.mesh->positions.size()},
-                       {"order", field.mesh->outgoing_order},
-                       {"channels", packed.channels},
-                       {"camera",
-                        {{"position", three(camera.position)},
-                         {"target", three(camera.target)},
-                         {"up", three(camera.up)},
-                         {"fov", camera.vertical_field_of_view_degrees}}}};
-  return described;
-}
-
-/// Adds a field of pixels and describes it.
-nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std::string& title,
-                                       DataWriter& data, ExportReport& report, const RunContext& run) {
+/// Adds the field and describes it.
+nlohmann::ordered_json add_field(const ReflectanceField& field, const std::string& title, DataWriter& data,
+                                 ExportReport& report, const RunContext& run) {
   const PackedField packed = pack(field, run);
   const auto full = [&](const LightMap& light) { return field.relight(light); };
   ReflectanceField shown = unpacked(packed, run);
@@ -464,13 +358,23 @@ nlohmann::ordered_json add_image_field(const ReflectanceField& field, const std:
   data.add("counts", packed.counts, run);
   data.add("kernels", packed.kernels, run);
   data.add("weights", packed.weights, run);
-  add_boxes(packed.basis, data, run);
-  auto described = description(packed.basis, packed.width, packed.height, title, report.exposure);
-  described["exponent_offset"] = packed.exponent.offset;
+  data.add("boxes", corners_of(packed.basis.boxes), run);
+  const LightDomain& light = field.basis.domain;
+  const HatGrid& hats = packed.basis.hats;
+  nlohmann::ordered_json described{{"title", title},
+                                   {"width", packed.width},
+                                   {"height", packed.height},
+                                   {"light",
+                                    {{"width", light.width},
+                                     {"height", light.height},
+                                     {"parameterisation", std::string(name_of(light.parameterisation))},
+                                     {"window", window_of(field)}}},
+                                   {"hats", {{"columns", hats.columns}, {"rows", hats.rows}}},
+                                   {"exposure", report.exposure},
+                                   {"exponent_offset", packed.exponent.offset}};
   if (field.mixes_colours())
     for (const auto& row : field.output_from_primaries.rowwise())
       for (const float entry : row) described["mixing"].push_back(entry);
-  described["light"]["window"] = window_of(field);
   if (packed.basis.interpolation) described["interpolation"] = interpolation_of(*packed.basis.interpolation);
   return described;
 }
@@ -483,8 +387,7 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   ExportReport report;
   PageWriter page(folder);
   DataWriter data(page);
-  auto described = field.mesh ? add_mesh_field(field, title, data, report, run)
-                              : add_image_field(field, title, data, report, run);
+  auto described = add_field(field, title, data, report, run);
   described["maps"] = nlohmann::ordered_json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();
@@ -494,104 +397,6 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   report.files = page.files();
   report.bytes = page.bytes();
   return report;
-}
-
-namespace {
-
-constexpr std::size_t group = group_pixels;
-constexpr float largest_weight = std::numeric_limits<std::uint8_t>::max();
-
-/// The entries of one group of outputs: kernels ascending, weights [kernels × 3 × 16].
-class GroupEntries {
- public:
-  /// Kernels of the page are `number`[kernel of the field].
-  GroupEntries(const ReflectanceField& field, const std::vector<std::uint32_t>& number, std::size_t first) {
-    const SparseTransfer& transfer = field.transfer;
-    const std::size_t last = std::min(first + group, field.mesh->outputs());
-    const auto visit = [&](const auto& entry_of) {
-      for (std::size_t output = first; output < last; ++output) {
-        const std::size_t pixel = pixel_of_output(output);
-        for (std::size_t i = transfer.row_start[pixel]; i < transfer.row_start[pixel + 1]; ++i)
-          entry_of(number[transfer.column[i]], output - first, i);
-      }
-    };
-    visit([&](std::uint32_t kernel, std::size_t, std::size_t) { kernels_.push_back(kernel); });
-    std::ranges::sort(kernels_);
-    kernels_.erase(std::unique(kernels_.begin(), kernels_.end()), kernels_.end());
-    weights_.assign(kernels_.size() * 3 * group, 0.0f);
-    visit([&](std::uint32_t kernel, std::size_t within, std::size_t i) {
-      const auto k = static_cast<std::size_t>(std::ranges::lower_bound(kernels_, kernel) - kernels_.begin());
-      for (std::size_t c = 0; c < 3; ++c)
-        weights_[(3 * k + c) * group + within] += transfer.weight[3 * i + c];
-    });
-  }
-
-  void append_to(PackedMesh& packed) const {
-    std::uint32_t count = 0;
-    const std::size_t values = packed.channels * group;
-    for (std::size_t k = 0; k < kernels_.size(); ++k) {
-      const auto weights = std::span(weights_).subspan(3 * group * k, values);
-      const float most = *std::ranges::max_element(weights);
-      if (!(most > 0.0f)) continue;
-      ++count;
-      packed.kernels.push_back(kernels_[k]);
-      packed.scales.push_back(most / largest_weight);
-      for (const float weight : weights)
-        packed.weights.push_back(static_cast<std::uint8_t>(std::lround(weight / most * largest_weight)));
-    }
-    packed.counts.push_back(count);
-  }
-
- private:
-  std::vector<std::uint32_t> kernels_;
-  std::vector<float> weights_;
-};
-
-bool is_grey(const SparseTransfer& transfer) {
-  for (std::size_t i = 0; i < transfer.entries(); ++i)
-    if (transfer.weight[3 * i] != transfer.weight[3 * i + 1] ||
-        transfer.weight[3 * i] != transfer.weight[3 * i + 2])
-      return false;
-  return true;
-}
-
-}  // namespace
-
-PackedMesh pack_mesh(const ReflectanceField& field, const RunContext& run) {
-  if (!field.mesh) throw InputError("the field has no mesh");
-  require_no_negative_weights(field.transfer);
-  PackedMesh packed;
-  std::vector<std::uint32_t> number;
-  packed.basis = used_basis(field, number);
-  packed.channels = is_grey(field.transfer) ? 1 : 3;
-  for (std::size_t first = 0; first < field.mesh->outputs(); first += group) {
-    if (first % 1024 == 0) run.throw_if_stopped();
-    GroupEntries(field, number, first).append_to(packed);
-  }
-  return packed;
-}
-
-Image relight(const PackedMesh& packed, const ReflectanceField& field, const LightMap& light) {
-  const std::vector<float> coefficients = packed.basis.project(light);
-  Image outputs(field.width, field.height, 3);
-  std::vector<std::size_t> first(packed.counts.size() + 1, 0);
-  std::partial_sum(packed.counts.begin(), packed.counts.end(), first.begin() + 1, std::plus<std::size_t>());
-  tbb::parallel_for(std::size_t{0}, packed.counts.size(), [&](std::size_t g) {
-    std::array<double, 3 * group> sums{};
-    for (std::size_t i = first[g]; i < first[g + 1]; ++i)
-      for (std::size_t c = 0; c < 3; ++c) {
-        const double brings = static_cast<double>(packed.scales[i]) * coefficients[3 * packed.kernels[i] + c];
-        const std::size_t channels = packed.channels, channel = channels == 1 ? 0 : c;
-        const std::uint8_t* weights = packed.weights.data() + (channels * i + channel) * group;
-        for (std::size_t within = 0; within < group; ++within)
-          sums[c * group + within] += brings * weights[within];
-      }
-    for (std::size_t within = 0; within < group && g * group + within < field.mesh->outputs(); ++within)
-      for (std::size_t c = 0; c < 3; ++c)
-        outputs.values[3 * pixel_of_output(g * group + within) + c] =
-            static_cast<float>(sums[c * group + within]);
-  });
-  return outputs;
 }
 
 }  // namespace refield::web

@@ -26,17 +26,6 @@ struct SharedExponent {
   void unpack(std::uint32_t bits, float* rgb) const;
 };
 
-/// The basis of a field without the boxes and vector boxes that no output uses.
-/// `number` [kernels of the field] becomes their numbers in it.
-LightBasis used_basis(const ReflectanceField& field, std::vector<std::uint32_t>& number);
-
-/// Throws InputError.
-void require_no_negative_weights(const SparseTransfer& transfer);
-
-/// The light of a page: of a field over radiance times solid angle on a cube map, panoramas; else the field's
-/// own light maps.
-LightDomain page_domain(const LightBasis& basis);
-
 /// A field as a page holds it. Kernels that no pixel uses are left out.
 struct PackedField {
   int width = 0;
@@ -48,28 +37,12 @@ struct PackedField {
   std::vector<std::uint32_t> weights;  ///< [entries], packed
 };
 
-/// Throws InputError for a light map wider or higher than 65535 texels, or a pixel of more kernels.
+/// Throws InputError for a precomputed field, over a cube map, for negative weights, a light map wider or
+/// higher than 65535 texels, or a pixel of more kernels.
 PackedField pack(const ReflectanceField& field, const RunContext& run = {});
 
 /// The field that the page shows: with the weights as they were rounded.
 ReflectanceField unpacked(const PackedField& packed, const RunContext& run = {});
-
-/// The transfer of a field over a mesh as a page holds it: each group of 16 successive outputs shares
-/// kernels, and a weight is a byte times the scale of its kernel, as in packed fields.
-struct PackedMesh {
-  LightBasis basis;                    ///< used_basis() of the field
-  int channels = 1;                    ///< 1 where all weights are grey, else 3
-  std::vector<std::uint32_t> counts;   ///< [groups], entries of each
-  std::vector<std::uint32_t> kernels;  ///< [entries], ascending in a group
-  std::vector<float> scales;           ///< [entries]
-  std::vector<std::uint8_t> weights;   ///< [entries × channels × 16]
-};
-
-/// Throws InputError where the field has no mesh or has negative weights.
-PackedMesh pack_mesh(const ReflectanceField& field, const RunContext& run = {});
-
-/// Outputs [image of the field] that the page shows under `light`.
-Image relight(const PackedMesh& packed, const ReflectanceField& field, const LightMap& light);
 
 /// What an exported page costs.
 struct ExportReport {
@@ -80,17 +53,16 @@ struct ExportReport {
   double exposure = 1.0;       ///< that the page starts with
 };
 
-/// A light map that a page brings along: of page_domain(), or a panorama (lat-long) that it shows through the
-/// monitor's window.
+/// A light map that a page brings along: of the field's own domain, or a panorama (lat-long) that it shows
+/// through the monitor's window.
 struct PageMap {
   std::string name;
   Image radiance;  ///< [height × width × 3]
 };
 
 /// Writes a page that relights `field` in a browser (WebGL 2) into `folder`: HTML, style, scripts and data,
-/// for any static server or straight from disk. A field over a mesh is shown from a camera that moves around
-/// it. The page's rounding is measured under white light and four bars, of a mesh in the picture from
-/// standard_camera(). `title` heads the page. `maps` are stored as half floats. Data of an earlier export to
+/// for any static server or straight from disk. The page's rounding is measured under white light and four
+/// bars. `title` heads the page. `maps` are stored as half floats. Data of an earlier export to
 /// `folder` are removed. Throws InputError for a field that does not fit a page, DeviceError where the disk
 /// refuses.
 ExportReport export_page(const ReflectanceField& field, const std::string& title,

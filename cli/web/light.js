@@ -253,5 +253,5 @@ const light = (() => {
   }
   Projector.width = 2048;
 
-  return {black, addBar, addSpot, rotated, resampled, throughWindow, fillTable, Projector};
+  return {black, addBar, addSpot, rotated, resampled, throughWindow, Projector};
 })();

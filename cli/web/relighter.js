@@ -95,13 +95,6 @@ class Relighter {
     return program;
   }
 
-  /// A new texture on a unit, which the program reads as `name`.
-  texture(unit, name) {
-    this.bindNewTexture(unit);
-    this.gl.uniform1i(this.uniform(name), unit);
-    return unit;
-  }
-
   bindNewTexture(unit) {
     const gl = this.gl, texture = gl.createTexture();
     this.bind(texture, unit);
@@ -152,13 +145,8 @@ class Relighter {
   }
 
   setCoefficients(values) {
-    this.gl.activeTexture(this.gl.TEXTURE2);
-    this.uploadCoefficients(values);
-  }
-
-  /// To the texture that was bound last.
-  uploadCoefficients(values) {
     const gl = this.gl, width = light.Projector.width, height = values.length / 4 / width;
+    gl.activeTexture(gl.TEXTURE2);
     this.requireSize(width, height, 'the boxes');
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, height, 0, gl.RGBA, gl.FLOAT, values);
   }

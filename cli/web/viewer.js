@@ -6,22 +6,15 @@ class Viewer {
   static slowMs = 60;
   static restMs = 150;
   static pictureHelp = 'Click a pixel to see which light it gathers.';
-  static orbitHelp = 'Drag to orbit; wheel or two fingers to approach; Shift and drag, or two fingers, to pan; F resets the camera.';
 
   constructor(field) {
     this.field = field;
-    this.projector = field.light.cube ? new cube.Projector(field) : new light.Projector(field);
-    this.relighter = this.makeRelighter(Viewer.element('scene'));
-    this.picks = !field.light.cube;
-    Viewer.element('release-note').hidden = !this.picks;
+    this.projector = new light.Projector(field);
+    this.relighter = new Relighter(Viewer.element('scene'), field);
     this.latLong = field.light.parameterisation === 'lat_long';
     this.lightContext = this.prepareLightCanvas();
     this.reset();
     controls.connect(this);
-  }
-
-  makeRelighter(canvas) {
-    return this.field.mesh ? new MeshRelighter(canvas, this.field) : new Relighter(canvas, this.field);
   }
 
   static element(id) {
@@ -39,8 +32,6 @@ class Viewer {
     this.state = {kind: 'bar', x: 0.5, y: 0.5, size: 0.2, colour: [1, 1, 1], stops: 0, degrees: 0, playing: false};
     this.map = this.panorama = null;
     this.picked = null;
-    this.relighter.camera?.reset();
-    this.relighter.background = Viewer.element('background').checked = false;
     Viewer.element('colour').value = '#ffffff';
     this.changed();
   }
@@ -97,7 +88,6 @@ class Viewer {
       this.light = this.composed();
       const coefficients = this.projector.project(this.light);
       this.relighter.setCoefficients(coefficients);
-      if (this.field.mesh) this.relighter.setSky(this.light);
       if (this.mapExposure === null && this.state.kind === 'map') this.mapExposure = this.relighter.exposureToWhite(coefficients);
     }
     const projected = performance.now();
@@ -160,7 +150,7 @@ class Viewer {
   showPicked() {
     const picked = this.picked, show = (id, text) => { Viewer.element(id).textContent = text; };
     if (!picked) {
-      show('picked', this.help());
+      show('picked', Viewer.pictureHelp);
       show('kernels', '');
       return;
     }
@@ -170,14 +160,8 @@ class Viewer {
         `${kernel.hat ? 'hat' : 'box'} ${kernel.x0}–${kernel.x1} × ${kernel.y0}–${kernel.y1}: ${(100 * energy / total).toFixed(1)} %`).join(' · '));
   }
 
-  help() {
-    if (this.field.mesh) return Viewer.orbitHelp;
-    return this.picks ? Viewer.pictureHelp : '';
-  }
-
   /// The pixel at one of the canvas.
   pick(canvasX, canvasY) {
-    if (!this.picks) return;
     const {field} = this, list = overlay.kernelsOfPixel(field, canvasX, canvasY);
     this.picked = {x: canvasX, y: canvasY, list, gathered: overlay.gathered(field, list)};
     this.pickedChanged = true;
@@ -187,12 +171,6 @@ class Viewer {
   release() {
     this.picked = null;
     this.pickedChanged = true;
-    this.changed(false);
-  }
-
-  /// Moves the camera by `action`, a function of it.
-  moveCamera(action) {
-    action(this.relighter.camera);
     this.changed(false);
   }
 

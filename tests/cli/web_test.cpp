@@ -111,31 +111,8 @@ TEST(PackedField, PackingEndsOnAnInterruption) {
   EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::unpacked(packed, run); }));
 }
 
-TEST(PackedMesh, RelightsAsTheFieldDoes) {
-  ReflectanceField field = test::unshadowed_field(prt::rabbit_mesh(6));
-  for (const bool grey : {true, false}) {
-    if (!grey)
-      for (std::size_t i = 0; i < field.transfer.weight.size(); i += 3) field.transfer.weight[i] *= 0.5f;
-    const web::PackedMesh packed = web::pack_mesh(field);
-    EXPECT_EQ(packed.channels, grey ? 1 : 3);
-    EXPECT_EQ(packed.weights.size(), packed.kernels.size() * packed.channels * 16);
-    Rng rng(2);
-    const LightMap light = test::random_light(rng, field.basis.domain);
-    const Image expected = field.relight(light), seen = web::relight(packed, field, light);
-    const float most = *std::ranges::max_element(expected.values);
-    ASSERT_GT(most, 0.0f);
-    for (std::size_t i = 0; i < expected.values.size(); ++i)
-      ASSERT_NEAR(seen.values[i], expected.values[i], most / 255.0) << i;
-  }
-}
-
-TEST(PackedMesh, PackingEndsOnAnInterruption) {
-  const ReflectanceField field = test::unshadowed_field(prt::rabbit_mesh(6));
-  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::pack_mesh(field, run); }));
-}
-
-TEST(PackedMesh, RefusesFieldsWithoutAMesh) {
-  EXPECT_THROW(web::pack_mesh(sample_field(Parameterisation::monitor)), InputError);
+TEST(PackedField, RefusesPrecomputedFields) {
+  EXPECT_THROW(web::pack(test::unshadowed_field(prt::rabbit_mesh(6))), InputError);
 }
 
 TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
@@ -150,8 +127,8 @@ TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
   EXPECT_LT(report["relative_rmse"].get<double>(), rounding);
   EXPECT_LE(report["largest_8_bit_difference"].get<int>(), 1);
   const std::string page = read_text(folder / "page" / "index.html");
-  for (const char* name : {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "cube.js",
-                           "mesh.js", "overlay.js", "controls.js", "viewer.js"}) {
+  for (const char* name : {"style.css", "decode.js", "light.js", "map_file.js", "relighter.js", "overlay.js",
+                           "controls.js", "viewer.js"}) {
     EXPECT_THAT(page, HasSubstr(name));
     EXPECT_TRUE(fs::exists(folder / "page" / name)) << name;
   }
@@ -229,56 +206,6 @@ TEST(ColourMixingInChromium, IsThatOfTheProgram) {
   const test::TemporaryFolder folder;
   write_reflectance_field(folder / "f.rfield", mixing_field());
   drive("drive_page.py", folder / "f.rfield", folder);
-}
-
-class MeshPageInChromium : public testing::Test {
- protected:
-  /// Drives the page of the field that `precompute` makes of a scene.
-  void drive_scene(const std::string& scene, const std::vector<std::string>& options) {
-    const std::string file = folder_ / "scene.toml", field = folder_ / "f.rfield";
-    write_text_atomically(file, scene);
-    std::vector<std::string> command = {"precompute", file, "-o", field};
-    command.insert(command.end(), options.begin(), options.end());
-    ASSERT_THAT(run_refield(command), Succeeded());
-    drive("drive_mesh_page.py", field, folder_);
-  }
-
-  const test::TemporaryFolder folder_;
-};
-
-// Orbits, approaches and pans with mouse, wheel, fingers and keys, drags lights, turns an environment; see
-// drive_mesh_page.py.
-TEST_F(MeshPageInChromium, DrawsClustersAsTheProgramDoes) {
-  // The camera is the last table of the file.
-  drive_scene(
-      read_text(REFIELD_SOURCE_DIR "/datasets_synthetic/prt/small.toml") + "width = 160\nheight = 120\n",
-      {"--resolution", "64", "--epsilon", "2e-3"});
-}
-
-TEST_F(MeshPageInChromium, DrawsGlossyHarmonicsAsTheProgramDoes) {
-  drive_scene(R"(
-[[material]]
-name = "fur"
-kind = "phong"
-diffuse = [0.4, 0.3, 0.2]
-specular = [0.5, 0.5, 0.4]
-exponent = 8
-[[object]]
-shape = "rabbit"
-resolution = 8
-on_ground = true
-material = "fur"
-[[object]]
-shape = "plane"
-resolution = 8
-size = 3.0
-[camera]
-position = [0.6, 1.1, -2.6]
-target = [0.0, 0.45, 0.0]
-width = 160
-height = 120
-)",
-              {"--method", "sh", "--sh-order", "4", "--directions", "256"});
 }
 
 }  // namespace
