@@ -6,7 +6,7 @@
 
 A pixel's response to light from direction d is a sum of K functions of d: biquadratic polynomials (PTM, Malzbender et al.
 2001) or hemispherical harmonics about the monitor's normal (HSH, Gautron et al. 2004). The coefficients of each pixel and
-channel are fitted by least squares to the session's photographs, all of them, whose lights are sums of directions. Held-out
+channel are fitted by least squares to the session's photographs under patterns, whose lights are sums of directions. Held-out
 lights are compared with exact pictures, as by `refield compare --truth`. Prints a line of JSON per model: relative RMSE of the
 whole picture and of the median pixel for natural lights and bars, bytes per pixel (32-bit floats, as refield-studies counts
 them) and milliseconds per picture. Needs numpy, scipy and the Python module.
@@ -45,8 +45,9 @@ options = parser.parse_args()
 session = refield.Session(options.session)
 exact = refield.Field.load(options.truth)
 directions = directions_of(session)
-lights = numpy.stack([frame.light() for frame in session.train]).reshape(len(session.train), -1, 3)
-observed = numpy.stack([frame.observed() for frame in session.train]).reshape(len(session.train), -1, 3)
+patterns = [frame for frame in session.train if frame.kind != "primary"]
+lights = numpy.stack([frame.light() for frame in patterns]).reshape(len(patterns), -1, 3)
+observed = numpy.stack([frame.observed() for frame in patterns]).reshape(len(patterns), -1, 3)
 tests = {kind: numpy.stack([frame.light() for frame in session.test if frame.kind == kind]) for kind in ("natural", "bar")}
 models = {"ptm": real_sets.ptm_terms(directions)}
 models |= {f"hsh{order * order}": real_sets.hsh_terms(directions, order) for order in (2, 3, 4, 5)}

@@ -42,8 +42,8 @@ std::filesystem::path add_primaries_and_white(std::vector<CaptureLight>& lights,
   if (std::ranges::find(lights, "primary", &CaptureLight::kind) == lights.end()) {
     const std::array<std::pair<const char*, std::array<float, 3>>, 3> primaries = {
         {{"primary_red", {white, 0, 0}}, {"primary_green", {0, white, 0}}, {"primary_blue", {0, 0, white}}}};
-    for (const auto& [name, colour] : primaries)
-      lights.push_back({name, FrameRole::train, "primary", write(name, colour)});
+    for (auto light = lights.begin(); const auto& [name, colour] : primaries)
+      light = 1 + lights.insert(light, {name, FrameRole::train, "primary", write(name, colour)});
   }
   fs::path reference;
   for (const CaptureLight& light : lights)

@@ -21,9 +21,9 @@ std::vector<CaptureLight> lights_of_session(const std::filesystem::path& folder)
 /// A light map of one colour.
 Image uniform_light(int width, int height, const std::array<float, 3>& colour);
 
-/// Adds the monitor's primaries, one at a time, where no light is one yet, and gives the white light to
-/// repeat as the reference: that of the lights, which are then without it, else, like the primaries, one that
-/// is written into `folder` with the radiance `white`.
+/// Puts the monitor's primaries, one at a time, before the lights where none is one yet, since captures may
+/// end early, and gives the white light to repeat as the reference: that of the lights, which are then
+/// without it, else, like the primaries, one that is written into `folder` with the radiance `white`.
 std::filesystem::path add_primaries_and_white(std::vector<CaptureLight>& lights, int width, int height,
                                               float white, const std::filesystem::path& folder);
 

@@ -166,12 +166,12 @@ std::vector<CaptureLight> lights_of(const SessionFile& session, const Illuminato
   if (!wanted.images.empty()) add(lights_of_files(wanted.images));
   if (!wanted.test_images.empty()) add(lights_of_files(wanted.test_images), FrameRole::test);
   fs::path reference = session.reference_light;
-  if (wanted.session.empty() && !session.is_recipe) {
+  order_lights(lights, session.order, session.order_seed);
+  if (wanted.session.empty() || session.is_recipe) {  // else the photographs of that session again
     const fs::path white = add_primaries_and_white(
         lights, monitor.width, monitor.height, white_of(calibration), fs::path(session.output) += "_lights");
     if (reference.empty()) reference = white;
   }
-  order_lights(lights, session.order, session.order_seed);
   if (quick) keep_quick(lights);
   return with_references(lights, session.reference_every, reference);
 }

@@ -38,7 +38,7 @@ struct RigRecipe {
   SensorModel sensor;
   ExposureSeries exposures;
   Disturbances disturbances;
-  int reference_every = 0;  ///< lights between two frames of the reference light; 0: none are taken
+  int reference_every = 20;  ///< lights between two frames of the reference light; 0: none are taken
 };
 
 /// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.

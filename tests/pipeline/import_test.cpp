@@ -121,8 +121,8 @@ std::unique_ptr<TemporaryFolder> Import::folder_;
 
 TEST_F(Import, GivesTheSameRadianceAsTheCapture) {
   const ImportSummary summary = import_series(request());
-  EXPECT_EQ(summary.photographs, 15U);
-  EXPECT_EQ(summary.timed, 15U);
+  EXPECT_EQ(summary.photographs, 20U);
+  EXPECT_EQ(summary.timed, 20U);
   ASSERT_EQ(summary.exposures.size(), 3U);
   EXPECT_NEAR(summary.exposures[1].count(), 0.08, 1e-6);
   expect_equal(out_ / "imported", at("session"));
@@ -144,7 +144,7 @@ TEST_F(Import, TheCommandMakesASessionThatIsEstimatedFrom) {
                         log),
             0)
       << read_text(log);
-  EXPECT_THAT(read_text(log), HasSubstr("15 photographs"));
+  EXPECT_THAT(read_text(log), HasSubstr("20 photographs"));
   EXPECT_EQ(run_program({"estimate", out_ / "imported", "-o", out_ / "scene.rfield"}, log), 0)
       << read_text(log);
 }
@@ -160,20 +160,20 @@ TEST_F(Import, GoesOnWhereItWasStopped) {
   EXPECT_THAT(message(request()), HasSubstr("--resume"));
   ImportRequest resumed = request();
   resumed.if_exists = IfExists::resume;
-  EXPECT_EQ(import_series(resumed).found_done, 15U);  // ambient and fourteen lights
+  EXPECT_EQ(import_series(resumed).found_done, 20U);  // ambient and nineteen lights
   EXPECT_EQ(test::folder_difference(out_ / "imported", whole), "");
 }
 
 TEST_F(Import, WithoutLightsPhotographsAreMergedWithTheirTimes) {
   ImportRequest series = request();
   series.lights.clear();
-  EXPECT_EQ(import_series(series).photographs, 15U);
+  EXPECT_EQ(import_series(series).photographs, 20U);
   const Photograph merged = read_photograph(out_ / "imported/train_000.exr");
   EXPECT_EQ(merged.radiance.values.size(), 24U * 18U * 3U);
   EXPECT_THAT(read_text(out_ / "imported/times.tsv"), HasSubstr("train_000\t2004-06-21T12:"));
   EXPECT_THAT(message(series), HasSubstr("--resume"));
   series.if_exists = IfExists::resume;
-  EXPECT_EQ(import_series(series).found_done, 15U);
+  EXPECT_EQ(import_series(series).found_done, 20U);
 }
 
 TEST_F(Import, LightsMayBeDriveLevels) {
@@ -203,8 +203,8 @@ TEST_F(Import, NamesTheFileAndTheRemedy) {
   EXPECT_THAT(message(wrong),
               AllOf(HasSubstr("-0.tif: there is no light named '"), HasSubstr("--pair-by order")));
   wrong = request();
-  wrong.rule = {"", 2};
-  EXPECT_THAT(message(wrong), HasSubstr("do not make brackets of 2"));
+  wrong.rule = {"", 7};
+  EXPECT_THAT(message(wrong), HasSubstr("do not make brackets of 7"));
   wrong = request();
   wrong.exposures = {Seconds(0.1)};
   EXPECT_THAT(message(wrong), HasSubstr("--exposures gives 1 times for 3"));

@@ -16,7 +16,7 @@ namespace {
 using namespace test;
 using testing::HasSubstr;
 
-constexpr int planned = 40;
+constexpr int planned = 40, primaries = 3;
 
 class UntilError : public testing::Test {
  protected:
@@ -51,8 +51,10 @@ TemporaryFolder* UntilError::folder_ = nullptr;
 TEST_F(UntilError, StopsWhenReachedAndKeepsHeldOutFrames) {
   ASSERT_EQ(acquire("easy", {"--until-error", "50%", "--min-images", "12"}), 0) << log();
   EXPECT_EQ(names_of("easy", FrameRole::train).size(), 12u);
+  EXPECT_EQ(names_of("easy", FrameRole::train).front(), "primary_red");
+  EXPECT_FALSE(names_of("easy", FrameRole::reference).empty());
   EXPECT_EQ(names_of("easy", FrameRole::test).size(), 5u);
-  EXPECT_THAT(log(), HasSubstr("reached, 28 lights skipped"));
+  EXPECT_THAT(log(), HasSubstr("reached, 31 lights skipped"));
   // Complete: the same command again has nothing to do.
   ASSERT_EQ(acquire("easy", {"--until-error", "50%", "--min-images", "12", "--resume"}), 0) << log();
   EXPECT_THAT(log(), HasSubstr("already complete"));
@@ -62,7 +64,7 @@ TEST_F(UntilError, StopsWhenReachedAndKeepsHeldOutFrames) {
 
 TEST_F(UntilError, TakesAllWhenItIsNotReached) {
   ASSERT_EQ(acquire("hard", {"--until-error", "0.0001%", "--min-images", "20"}), 0) << log();
-  EXPECT_EQ(names_of("hard", FrameRole::train).size(), static_cast<std::size_t>(planned));
+  EXPECT_EQ(names_of("hard", FrameRole::train).size(), static_cast<std::size_t>(planned + primaries));
   EXPECT_THAT(log(), HasSubstr("after 40 photographs"));
   EXPECT_THAT(log(), HasSubstr("noise of the photographs is"));
 }

@@ -91,6 +91,8 @@ ChartData load_chart_data(const Sources& sources) {
         "nothing is held out to measure errors on: give a session with test frames, or --test-light and "
         "--test-observed");
   data.session.frames = sources.session.frames_of(FrameRole::train);
+  // Methods are compared by their number of patterns.
+  std::erase_if(data.session.frames, [](const CaptureFrame& frame) { return frame.kind == "primary"; });
   if (data.session.frames.size() < 2)
     throw InputError("a chart needs training images; the capture has " +
                      std::to_string(data.session.frames.size()));
