@@ -220,18 +220,39 @@ std::string label_of(const std::string& key) {
   return label;
 }
 
-/// Of one line: "width: 640, height: 480, rates: 30, 25".
+/// A value, or a list of values: "30, 25".
 std::string line_of(const ordered_json& value) {
   constexpr std::size_t one_line = 40;
   if (value.is_array() && value.size() > one_line)
     return std::to_string(value.size()) + " values, see --json";
+  if (value.is_null() || (value.is_structured() && value.empty())) return "none";
   if (value.is_string()) return printable(value.get<std::string>());
   if (value.is_number_float()) return formatted("%.5g", value.get<double>());
-  if (!value.is_object()) return printable(json_text(value));
-  std::string line;
-  for (const auto& [key, item] : value.items())
-    line += (line.empty() ? "" : ", ") + label_of(key) + ": " + line_of(item);
-  return line;
+  if (!value.is_array()) return printable(json_text(value));
+  return listed(value, value.size(), line_of);
+}
+
+/// Objects of few values as lines of a table.
+void print_table(const ordered_json& rows, int indent) {
+  std::vector<std::string> keys;
+  for (const ordered_json& row : rows)
+    for (const auto& [key, item] : row.items())
+      if (std::ranges::find(keys, key) == keys.end()) keys.push_back(key);
+  std::vector<std::vector<std::string>> lines(1 + rows.size());
+  for (const std::string& key : keys) {
+    lines[0].push_back(label_of(key));
+    for (std::size_t i = 0; i < rows.size(); ++i)
+      lines[i + 1].push_back(rows[i].contains(key) ? line_of(rows[i][key]) : "");
+  }
+  for (const auto& line : lines) {
+    std::string text(static_cast<std::size_t>(indent), ' ');
+    for (std::size_t column = 0; column < line.size(); ++column) {
+      std::size_t width = 0;
+      for (const auto& other : lines) width = std::max(width, columns_of(other[column]));
+      text += line[column] + std::string(width - columns_of(line[column]) + 2, ' ');
+    }
+    std::printf("%s\n", text.substr(0, text.find_last_not_of(' ') + 1).c_str());
+  }
 }
 
 }  // namespace
@@ -246,11 +267,14 @@ void print_figures(const ordered_json& figures, int indent) {
     std::printf("%*s%s\n", indent, "", label.c_str());
     if (item.is_object()) print_figures(item, indent + 2);
     if (item.is_object()) continue;
-    for (const ordered_json& entry : item) {
-      const bool is_block = std::any_of(entry.begin(), entry.end(), holds_objects);
-      if (!is_block) std::printf("%*s%s\n", indent + 2, "", line_of(entry).c_str());
-      if (is_block) print_figures(entry, indent + 2);
+    const auto is_block = [](const ordered_json& entry) {
+      return !entry.is_object() || std::any_of(entry.begin(), entry.end(), holds_objects);
+    };
+    if (std::none_of(item.begin(), item.end(), is_block)) {
+      print_table(item, indent + 2);
+      continue;
     }
+    for (const ordered_json& entry : item) print_figures(entry, indent + 2);
   }
 }
 

@@ -46,8 +46,8 @@ void write_json(const std::filesystem::path& path, const nlohmann::ordered_json&
 /// bytes that are not UTF-8 as their numbers.
 std::string printable(const std::string& text);
 
-/// Prints nested figures as "name: value" lines, with spaces for underscores. A list of objects has one line
-/// for each, or a block where an object holds others.
+/// Prints nested figures as "name: value" lines, with spaces for underscores. A list of objects is a table, or
+/// a block for each where an object holds others.
 void print_figures(const nlohmann::ordered_json& figures, int indent = 0);
 
 /// Writes the one JSON document of a run with --json, where there is one: "schema", the version of its keys
