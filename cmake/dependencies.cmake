@@ -13,8 +13,7 @@ find_package(nlohmann_json REQUIRED)
 find_package(embree 3 REQUIRED)
 find_package(HWY REQUIRED)
 find_package(PkgConfig REQUIRED)
-# Black and saturation levels of RAW files; without LibRaw they must be given.
-pkg_check_modules(libraw IMPORTED_TARGET libraw_r)
+pkg_check_modules(libraw REQUIRED IMPORTED_TARGET libraw_r)  # RAW files
 
 # Debian ships OpenCV's CMake package with all of OpenCV, graphical toolkits included: a gigabyte for two modules. The two
 # are found by hand instead.

@@ -718,10 +718,6 @@ class GenicamCamera final : public StreamingCamera {
 
 }  // namespace
 
-bool has_genicam() {
-  return true;
-}
-
 std::vector<GenicamIdentity> find_genicam_cameras() {
   arv_update_device_list();
   std::vector<GenicamIdentity> cameras;

@@ -756,10 +756,6 @@ class GphotoCamera final : public TetheredCamera {
 
 }  // namespace
 
-bool has_gphoto() {
-  return true;
-}
-
 std::vector<GphotoIdentity> find_gphoto_cameras() {
   std::vector<GphotoIdentity> found;
   CameraList* list = nullptr;

@@ -145,10 +145,7 @@ struct V4l2CameraOptions : CameraOptions {
 /// about damaged frames and an unplugged camera, and stops waiting.
 std::unique_ptr<TetheredCamera> open_camera(V4l2CameraOptions options, RunContext run = {});
 
-/// GenICam cameras (GigE Vision, USB3 Vision) through Aravis. False: this program was built without it;
-/// everything that talks to a camera then throws InputError and says so.
-bool has_genicam();
-
+/// GenICam cameras (GigE Vision, USB3 Vision) through Aravis.
 struct GenicamIdentity {
   std::string address;  ///< "192.168.0.7"; of USB cameras the id
   std::string id, vendor, model, serial;
@@ -194,10 +191,7 @@ struct GenicamCameraOptions : CameraOptions {
 /// `run` receives notes and stops waiting.
 std::unique_ptr<TetheredCamera> open_camera(GenicamCameraOptions options, RunContext run = {});
 
-/// DSLRs and system cameras on a USB cable through libgphoto2. False: this program was built without it;
-/// everything that talks to a camera then throws InputError and says so.
-bool has_gphoto();
-
+/// DSLRs and system cameras on a USB cable through libgphoto2.
 struct GphotoIdentity {
   std::string model;
   std::string port;    ///< "usb:001,007"; changes when the cable is plugged in again

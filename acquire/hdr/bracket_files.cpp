@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/hdr/bracket_files.h"
 
-#if REFIELD_HAS_LIBRAW
 #include <libraw/libraw.h>
-#endif
 
 #include <algorithm>
 #include <array>
@@ -58,7 +56,6 @@ PixelLayout raw_layout(const std::string& pattern, const fs::path& path) {
                         "', which is none of RGGB, GRBG, GBRG, BGGR; develop it to a linear 16-bit TIFF");
 }
 
-#if REFIELD_HAS_LIBRAW
 /// Throws FormatError unless LibRaw succeeded.
 void check_raw(int code, const fs::path& path, const std::string& what) {
   if (code != LIBRAW_SUCCESS)
@@ -267,13 +264,6 @@ BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout> given
   file.raw_levels = level_black(*raw, tags, file.frame, path);
   return file;
 }
-#else
-BracketFile read_raw_file(const fs::path& path, std::optional<PixelLayout>) {
-  throw FormatError(path,
-                    "is a camera's RAW file, which this build cannot read (libraw-dev was not there); "
-                    "develop it to a linear 16-bit TIFF");
-}
-#endif
 
 bool is_raw_file(const fs::path& path, const ImageFacts& facts) {
   return is_camera_raw(path) || facts.is_raw;
@@ -379,12 +369,10 @@ void require_same_settings(const CameraSettings& settings, const fs::path& path,
 
 std::optional<Seconds> stated_exposure(const fs::path& path) {
   const ImageFacts facts = facts_of_photograph(path);
-#if REFIELD_HAS_LIBRAW
   if (is_raw_file(path, facts)) {
     const float seconds = open_raw(path)->imgdata.other.shutter;
     return seconds > 0.0f && std::isfinite(seconds) ? std::optional(Seconds(seconds)) : std::nullopt;
   }
-#endif
   if (facts.exposure_seconds) return Seconds(*facts.exposure_seconds);
   if (image_format(path) == ImageFormat::hdr) return std::nullopt;
   return exposure_of(*open_image_file(path));

@@ -42,7 +42,7 @@ struct BracketFile {
   std::optional<RawLevels> raw_levels;  ///< RAW: where the file states them
 };
 
-/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or, if LibRaw was there at the build, a camera's RAW
+/// Reads PNG, TIFF, JPEG (8 or 16 bits), EXR, HDR, PFM or a camera's RAW by LibRaw
 /// (DNG, CR2, NEF and so on): Bayer, monochrome, or three linear samples per pixel. A one-channel integer
 /// file is taken to have the layout `one_channel`; nullopt: grey, or for RAW what the file says. Pictures are
 /// turned as their stated orientation says; samples of a sensor (RAW, Bayer) stay in its order. Alpha is

@@ -45,9 +45,7 @@ TEST(SessionFile, GenicamCamerasHaveKeysOfTheirOwn) {
   EXPECT_THAT(message("device = \"genicam:S1\"\ntrigger = \"Line1\"\nwidth = 640"),
               HasSubstr("rig.toml:7: [camera] width"));
   EXPECT_THAT(message("device = \"video0\"\ntrigger = \"Line1\""), HasSubstr("rig.toml:6: [camera] trigger"));
-  EXPECT_THAT(message("device = \"genicam:127.0.0.99\""),
-              ::testing::AnyOf(HasSubstr("genicam:127.0.0.99: cannot be opened"),
-                               HasSubstr("built without support")));
+  EXPECT_THAT(message("device = \"genicam:127.0.0.99\""), HasSubstr("genicam:127.0.0.99: cannot be opened"));
 }
 
 constexpr const char* some_lights = "images = \"lights\"";
