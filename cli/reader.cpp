@@ -3,7 +3,7 @@
 // and reads its answer. Needs few shared libraries, so that it starts in milliseconds.
 #include "core/base/isolated.h"
 #include "core/field_io/hdf5_reader.h"
-#include "simulate/geometry/mesh_library.h"
+#include "simulate/geometry/mesh_formats.h"
 
 int main(int argc, char** argv) {
   refield::run_reader_process(

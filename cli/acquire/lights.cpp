@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "cli/acquire/light_list.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"

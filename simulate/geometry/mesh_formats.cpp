@@ -19,8 +19,6 @@
 #include <sstream>
 #include <utility>
 
-#include "simulate/geometry/mesh_library.h"
-
 namespace refield::prt {
 
 namespace fs = std::filesystem;

@@ -11,7 +11,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
-#include "simulate/geometry/mesh_library.h"
+#include "simulate/geometry/mesh_formats.h"
 
 namespace refield::prt {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/geometry/mesh_library.h"
+#include "simulate/geometry/mesh_formats.h"
 
 #include <assimp/DefaultIOSystem.h>
 #include <assimp/MemoryIOWrapper.h>
@@ -25,7 +25,6 @@
 #include <string_view>
 #include <utility>
 
-#include "simulate/geometry/mesh_formats.h"
 #include "simulate/geometry/mesh_import.h"
 
 namespace refield::prt {

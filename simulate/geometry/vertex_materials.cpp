@@ -18,7 +18,7 @@
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 #include "simulate/geometry/mesh_file.h"
-#include "simulate/geometry/mesh_library.h"
+#include "simulate/geometry/mesh_formats.h"
 
 namespace refield::prt {
 

@@ -110,6 +110,12 @@ std::vector<LightSpec> list_lights(const LightPlan& plan) {
   return list;
 }
 
+Image uniform_light(int width, int height, const std::array<float, 3>& colour) {
+  Image light(width, height, 3);
+  for (std::size_t i = 0; i < light.values.size(); ++i) light.values[i] = colour[i % 3];
+  return light;
+}
+
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,
                  const std::function<void(std::size_t, LightMap&&)>& sink, const RunContext& run) {
   const ThreadLimit limit(run);

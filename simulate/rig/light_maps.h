@@ -2,6 +2,7 @@
 #pragma once
 #include <Eigen/Core>
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -40,6 +41,9 @@ std::vector<LightSpec> list_lights(const LightPlan& plan);
 void make_lights(const std::vector<LightSpec>& list, const LightDomain& domain, std::uint64_t seed,
                  const std::function<void(std::size_t place, LightMap&& light)>& sink,
                  const RunContext& run = {});
+
+/// A light map of one colour.
+Image uniform_light(int width, int height, const std::array<float, 3>& colour);
 
 /// A made-up surrounding, lat-long, linear radiance, sun and area lights far above 1: sky or ceiling,
 /// horizon, buildings or walls, area lights and windows, and over all a dead-leaves pattern (Lee, Mumford and
