@@ -101,8 +101,7 @@ bool is_image_of_a_light(const fs::path& path) {
 }
 
 void remove_earlier(const fs::path& folder) {
-  for (const char* name :
-       {session_manifest_name, transport_file_name, ambient_file_name, kinds_file_name, "kinds.json"})
+  for (const char* name : {session_manifest_name, transport_file_name, ambient_file_name})
     fs::remove(folder / name);
   // Files of the user's stay, even among ours.
   for (const char* name : {"illumination", "observed"}) {
@@ -201,7 +200,6 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       "observed/, session.toml) with these additional files:\n"
       "  transport.rfield   exact light transport: 'refield relight' renders the true image under any light\n"
       "  ambient.exr        image of the scene under the room light, for 'refield acquire run'\n"
-      "  kinds.png          pixel classes: diffuse, glossy, refraction, hard shadow, mixed\n"
       "\n"
       "Examples:\n"
       "  refield simulate datasets_synthetic/tabletop/recipe.toml -o truth\n"

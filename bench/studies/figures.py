@@ -127,7 +127,7 @@ def demo(use):
 def chart(use):
     """Methods of estimation on the session of `demo`: 30, 90 and all 180 photographs."""
     if not (use.work / "chart/chart.csv").exists():
-        shell(f"{use.studies} chart {use.work}/session --truth {use.work}/truth --methods ours,paper,ridge,cells "
+        shell(f"{use.studies} chart {use.work}/session --truth {use.work}/truth --kinds {TABLETOP} --methods ours,paper,ridge,cells "
               f"--images 30,90,180 --max-kernels 25 -o {use.work}/chart")
     values = {}
     with open(use.work / "chart/chart.csv", encoding="utf-8") as file:
@@ -154,7 +154,7 @@ def polynomial(use):
 
 
 GROUPS = {"demo": (demo, "./dev demo; refield compare FIELD out/demo/session --truth out/demo/truth/transport.rfield"),
-          "chart": (chart, "refield-studies chart out/demo/session --truth out/demo/truth --images 30,90,180 --max-kernels 25"),
+          "chart": (chart, f"refield-studies chart out/demo/session --truth out/demo/truth --kinds {TABLETOP} --images 30,90,180 --max-kernels 25"),
           "polynomial": (polynomial, "bench/studies/polynomial.py out/demo/session --truth out/demo/truth/transport.rfield")}
 
 

@@ -22,9 +22,9 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Files of a session folder beside those that its manifest lists.
-constexpr const char* session_files[] = {session_manifest_name, "plan.toml",   "journal",
-                                         "calibration.toml",    "ambient.exr", "mask.png",
-                                         "transport.rfield",    "kinds.png",   "simulation.json"};
+constexpr const char* session_files[] = {session_manifest_name, "plan.toml",      "journal",
+                                         "calibration.toml",    "ambient.exr",    "mask.png",
+                                         "transport.rfield",    "simulation.json"};
 
 /// The files that an input stands for, as far as they can be told; whoever reads it reports what is wrong.
 std::vector<fs::path> files_of(const fs::path& input) {

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "core/base/run_context.h"
-#include "core/image/pixel_classes.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
 #include "simulate/geometry/mesh_rays.h"
@@ -127,15 +126,5 @@ class TabletopScene {
   prt::RayScene rays_;  // parts: the objects, then the monitor
   Eigen::Vector3f camera_origin_, camera_corner_, camera_right_, camera_down_;
 };
-
-/// Sorts the camera's pixels by what they show (kind_names in core/image/pixel_classes.h), from the first
-/// surfaces that 4 × 4 rays through a pixel meet:
-///  - refraction: three quarters or more are mirror or glass, or the monitor itself;
-///  - diffuse (with translucent), glossy (with metal): the same for these materials ...
-///  - hard_shadow: ... but from 5 to 95 % of the monitor points that face the surface are hidden from it,
-///    so that the edge of something lies across its light;
-///  - mixed: no sort of material reaches three quarters, as on the outlines of things.
-/// Pixels whose rays mostly meet nothing are of no kind.
-PixelKinds scene_kinds(const TabletopScene& scene, const RunContext& run = {});
 
 }  // namespace refield

@@ -270,7 +270,6 @@ SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& op
     summary.transport_bytes = fs::file_size(folder / transport_file_name);
   }
   write_exr(folder / ambient_file_name, photographs.ambient);
-  write_pixel_kinds(folder / kinds_file_name, scene_kinds(scene, run));
   write_photographs(recipe, options, session, photographs.images, run);
   write_session_manifest(session);  // last: a folder with a manifest is complete
   summary.write_seconds = seconds_since(start_of_writing);

@@ -100,7 +100,7 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
 /// light maps, the photographs B = T L (exact but for `noise`: no ambient light and nothing of the sensor but
 /// its colour mixing, which the transport's file has, too), session.toml,
 /// ambient.exr (what the camera sees of the room light, for a virtual rig; it is not part of the session),
-/// kinds.png (what each pixel shows, see scene_kinds()) and, where kept, transport.rfield. A row of T is
+/// and, where kept, transport.rfield. A row of T is
 /// multiplied with all lights as soon as it is traced, so T need not fit into memory. Throws Interrupted when
 /// asked to stop.
 SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
@@ -116,6 +116,5 @@ TracedScene trace_scene(const SceneDescription& scene, const TraceOptions& optio
 
 inline constexpr const char* transport_file_name = "transport.rfield";
 inline constexpr const char* ambient_file_name = "ambient.exr";
-inline constexpr const char* kinds_file_name = "kinds.png";
 
 }  // namespace refield

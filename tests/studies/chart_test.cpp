@@ -98,7 +98,7 @@ TEST_F(ChartVerb, TakesPatterns) {
   const auto result =
       run_studies({"chart", "--light", truth_ + "/illumination/train_*.exr", "--observed",
                    truth_ + "/observed/train_*.exr", "--test-light", truth_ + "/illumination/test_*.exr",
-                   "--test-observed", truth_ + "/observed/test_*.exr", "--kinds", truth_ + "/kinds.png",
+                   "--test-observed", truth_ + "/observed/test_*.exr", "--kinds", folder_ / "recipe.toml",
                    "--methods", "ridge", "--images", "30", "-o", output_, "--json", "--quiet"});
   ASSERT_THAT(result, Succeeded());
   std::set<std::string> measures;

@@ -7,6 +7,7 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/field_io/reflectance_field_file.h"
+#include "simulate/tabletop/recipe.h"
 
 namespace refield::chart {
 
@@ -52,12 +53,17 @@ void load_truth(ChartData& data, const fs::path& truth, std::optional<CaptureSes
 }
 
 void load_kinds(ChartData& data, const Sources& sources) {
-  std::optional<fs::path> path = sources.kinds;
-  if (!path && fs::is_directory(sources.truth) && fs::exists(sources.truth / "kinds.png"))
-    path = sources.truth / "kinds.png";
-  if (!path) return;
-  data.pixel_kinds = read_pixel_kinds(*path, data.session.width, data.session.height);
-  data.kinds_note = "pixel classes from " + path->filename().string();
+  if (!sources.kinds) return;
+  const CaptureSession& session = data.session;
+  data.kinds_note = "pixel classes from " + sources.kinds->filename().string();
+  if (sources.kinds->extension() == ".toml") {
+    SceneDescription scene = read_recipe(*sources.kinds).scene;
+    scene.camera.width = session.width;
+    scene.camera.height = session.height;
+    data.pixel_kinds = scene_kinds(TabletopScene(scene), run_context());
+  } else {
+    data.pixel_kinds = read_pixel_kinds(*sources.kinds, session.width, session.height);
+  }
 }
 
 }  // namespace

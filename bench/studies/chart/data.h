@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "bench/studies/chart/noise_curve.h"
+#include "bench/studies/chart/pixel_kinds.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/image_io.h"
-#include "core/image/pixel_classes.h"
 #include "core/session/capture_session.h"
 
 namespace refield::chart {
@@ -18,7 +18,7 @@ struct Sources {
   CaptureSession session;                      ///< training frames, and test frames where they come with it
   std::optional<CaptureSession> test;          ///< held-out frames of a capture that is given by patterns
   std::filesystem::path truth;                 ///< folder of 'refield simulate', or exact transport; or empty
-  std::optional<std::filesystem::path> kinds;  ///< map of pixel kinds
+  std::optional<std::filesystem::path> kinds;  ///< map of pixel kinds, or a recipe
   float clip_level;
 };
 

@@ -19,8 +19,6 @@ constexpr double concentrated = 0.03, partly_concentrated = 0.10, broad = 0.20;
 constexpr double shadowed = 0.15;
 constexpr double least_light = 0.01;
 
-enum Label : std::uint8_t { none, diffuse, glossy, refraction, hard_shadow, mixed };
-
 double median(std::vector<float> values) {
   return quantile(std::move(values), 0.5);
 }
@@ -79,7 +77,7 @@ PixelKinds derived_kinds(const ReflectanceField& field, const Mask& mask) {
     if (counts(p)) light.push_back(static_cast<float>(spreads[p].light));
   const double floor = light.empty() ? 0.0 : least_light * median(light);
   PixelKinds kinds{width, height, {std::begin(kind_names), std::end(kind_names)}, {}};
-  kinds.labels.assign(spreads.size(), none);
+  kinds.labels.assign(spreads.size(), no_kind);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * width + x;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include "bench/studies/chart/pixel_kinds.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
-#include "core/image/pixel_classes.h"
 
 namespace refield::chart {
 

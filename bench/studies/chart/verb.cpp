@@ -125,7 +125,9 @@ void add_chart(CLI::App& app, const Common& common, Action& action) {
   verb->add_option(
       "--truth", arguments->truth,
       "Folder that 'refield simulate' wrote, or its transport: exact images replace photographs");
-  verb->add_option("--kinds", arguments->kinds, "Map of pixel kinds, as 'refield simulate' writes kinds.png");
+  verb->add_option(
+      "--kinds", arguments->kinds,
+      "Recipe of the simulated scene (.toml), which tells the pixel classes, or a map of them (.png)");
   verb->add_option("-o,--output", arguments->output, "Folder to write")->required();
   verb->add_option("--methods", arguments->options.methods, "Of ours,paper,ridge,svd,smooth,haar,box,cells")
       ->delimiter(',');

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/tabletop/scene.h"
+#include "bench/studies/chart/pixel_kinds.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
-namespace refield {
+namespace refield::chart {
 namespace {
 
 using Kind = MaterialDescription::Kind;
@@ -77,4 +77,4 @@ TEST(SceneKinds, AnObjectsShadowHasAHardEdgeWhereItHidesPartOfTheMonitor) {
 }
 
 }  // namespace
-}  // namespace refield
+}  // namespace refield::chart

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image/pixel_classes.h"
+#include "bench/studies/chart/pixel_kinds.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include "core/image/image_io.h"
 #include "tests/support/temporary_folder.h"
 
-namespace refield {
+namespace refield::chart {
 namespace {
 
 TEST(PixelKinds, ComeBackAsWritten) {
@@ -51,4 +51,4 @@ TEST(PixelKinds, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace refield
+}  // namespace refield::chart
