@@ -18,8 +18,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct CompareOptions {
   std::string predicted;
   CaptureOptions capture;  // session: the second argument, whatever it is
@@ -107,7 +105,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
                   run_context());
   const auto errors = compare(field, session, truth ? &*truth : nullptr, options.noise_scale, run_context());
   if (common.json) {
-    print_json(ordered_json{{"held_out", held_out_figures(errors)}});
+    print_json(Json{{"held_out", held_out_figures(errors)}});
     return;
   }
   print_errors(errors);

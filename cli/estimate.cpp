@@ -46,7 +46,7 @@ RowRange rows_from_text(const std::string& text, const Session& session, const E
 void dry_run(const EstimateArguments& arguments, const Session& session, const Common& common) {
   const EstimateCost cost = estimate_cost(session, arguments.options, run_context());
   if (common.json) {
-    print_json(nlohmann::ordered_json::parse(cost.log));
+    print_json(json_from_text(cost.log));
     return;
   }
   const EstimatePlan& plan = cost.plan;
@@ -111,7 +111,7 @@ void run(EstimateArguments arguments, const Common& common) {
   const EstimateReport report =
       estimate_to_file(session, arguments.options, arguments.output, arguments.resume, run_context(),
                        [&](const EstimatePlan& plan) { announce(arguments, plan); });
-  auto log = nlohmann::ordered_json::parse(report.log);
+  auto log = json_from_text(report.log);
   const auto held_out = held_out_of(arguments, session);
   if (!held_out.empty())
     log["held_out"] = {{"every", arguments.capture.hold_out}, {"errors", held_out_figures(held_out)}};

@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
 
@@ -14,6 +13,7 @@
 #include "cli/web/export.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_sampler.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -87,13 +87,13 @@ void export_web(const ExportWebOptions& options, const Common& common) {
       field, title, options.output,
       options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field), run_context());
   if (common.json) {
-    print_json(nlohmann::ordered_json{{"page", (options.output / "index.html").string()},
-                                      {"stride", stride},
-                                      {"files", report.files},
-                                      {"bytes", report.bytes},
-                                      {"relative_rmse", report.relative_rmse},
-                                      {"largest_8_bit_difference", report.largest_difference},
-                                      {"exposure", report.exposure}});
+    print_json(Json{{"page", (options.output / "index.html").string()},
+                    {"stride", stride},
+                    {"files", report.files},
+                    {"bytes", report.bytes},
+                    {"relative_rmse", report.relative_rmse},
+                    {"largest_8_bit_difference", report.largest_difference},
+                    {"exposure", report.exposure}});
     return;
   }
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,

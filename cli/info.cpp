@@ -5,7 +5,6 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -18,7 +17,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/field/field_statistics.h"
 #include "core/field_io/field_shard.h"
@@ -33,29 +32,27 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
-ordered_json size_of(int width, int height) {
+Json size_of(int width, int height) {
   return {{"width", width}, {"height", height}};
 }
 
-ordered_json describe(const LightDomain& domain, const std::vector<MonitorPlacement>& monitors) {
-  ordered_json light = size_of(domain.width, domain.height);
+Json describe(const LightDomain& domain, const std::vector<MonitorPlacement>& monitors) {
+  Json light = size_of(domain.width, domain.height);
   light["parameterisation"] = name_of(domain.parameterisation);
   for (const MonitorPlacement& monitor : monitors) light["monitors"].push_back(text_of(monitor));
   return light;
 }
 
 /// The cap on kernels that the field was estimated with, as its provenance says; 0 when it does not.
-int kernel_cap(const ordered_json& provenance) {
+int kernel_cap(const Json& provenance) {
   if (!provenance.is_object()) return 0;
   const auto kernels = provenance.find("kernels");
   return kernels != provenance.end() && kernels->is_number_integer() ? kernels->get<int>() : 0;
 }
 
 /// What light is summed over.
-ordered_json describe(const LightBasis& basis) {
-  ordered_json described;
+Json describe(const LightBasis& basis) {
+  Json described;
   if (basis.hats.count() > 0) described["hats"] = {basis.hats.columns, basis.hats.rows};
   if (basis.harmonics.order > 0) described["harmonics_order"] = basis.harmonics.order;
   if (!basis.vector_boxes.empty()) described["vector_boxes"] = basis.vector_boxes.size();
@@ -64,11 +61,11 @@ ordered_json describe(const LightBasis& basis) {
   return described;
 }
 
-ordered_json describe(const SparseTransfer& transfer) {
+Json describe(const SparseTransfer& transfer) {
   return {{"stored", "rows"}, {"weight_bits", 32}, {"entries", transfer.entries()}};
 }
 
-ordered_json describe(const TransferTiles& tiles) {
+Json describe(const TransferTiles& tiles) {
   std::uint64_t weights = 0;
   bool grey = true;
   std::visit(
@@ -86,24 +83,24 @@ ordered_json describe(const TransferTiles& tiles) {
           {"channels", grey ? 1 : 3}};
 }
 
-ordered_json describe(const OutputMesh& mesh) {
+Json describe(const OutputMesh& mesh) {
   return {{"vertices", mesh.positions.size()},
           {"triangles", mesh.triangles.size()},
           {"outputs_per_vertex", mesh.outputs() / std::max<std::size_t>(1, mesh.positions.size())}};
 }
 
-ordered_json provenance_of(const FieldOutline& field) {
-  ordered_json provenance = ordered_json::parse(field.provenance, nullptr, false);
+Json provenance_of(const FieldOutline& field) {
+  Json provenance = json_if_valid(field.provenance);
   if (provenance.is_discarded()) provenance = field.provenance;
   return provenance;
 }
 
 /// Of precomputed transport: no statistics of estimation, and no rows made from tiles, which memory might
 /// not hold.
-ordered_json describe_precomputed(const fs::path& path, const FieldOutline& outline, ordered_json transfer) {
-  ordered_json info{{"kind", "precomputed reflectance field"},
-                    {"format_version", reflectance_field_version},
-                    {"bytes", fs::file_size(path)}};
+Json describe_precomputed(const fs::path& path, const FieldOutline& outline, Json transfer) {
+  Json info{{"kind", "precomputed reflectance field"},
+            {"format_version", reflectance_field_version},
+            {"bytes", fs::file_size(path)}};
   if (outline.mesh)
     info["mesh"] = describe(*outline.mesh);
   else
@@ -119,27 +116,27 @@ bool is_precomputed(const FieldOutline& field) {
   return field.basis.measure == Measure::solid_angle;
 }
 
-ordered_json describe_field(const fs::path& path, const ReflectanceField& field) {
-  ordered_json provenance = provenance_of(field);
+Json describe_field(const fs::path& path, const ReflectanceField& field) {
+  Json provenance = provenance_of(field);
   const KernelStatistics kernels = kernel_statistics(field, kernel_cap(provenance));
-  ordered_json info{{"kind", "reflectance field"},
-                    {"format_version", reflectance_field_version},
-                    {"bytes", fs::file_size(path)},
-                    {"image", size_of(field.width, field.height)},
-                    {"colour_space", name_of(field.colour_space)},
-                    {"light", describe(field.basis.domain, field.monitors)},
-                    {"basis", describe(field.basis)},
-                    {"transfer", describe(field.transfer)},
-                    {"pixels_in_scene", kernels.pixels},
-                    {"distinct_boxes", kernels.distinct_boxes},
-                    {"kernels",
-                     {{"allowed", kernels.kernels},
-                      {"stored", kernels.stored},
-                      {"mean_per_pixel", kernels.mean_stored},
-                      {"nonzero_percent", 100.0 * kernels.nonzero_share},
-                      {"percent_for_99_percent_of_energy", 100.0 * kernels.share_of_99_percent},
-                      {"percent_for_95_percent_of_energy", 100.0 * kernels.share_of_95_percent},
-                      {"pixels_by_number_of_kernels", kernels.histogram}}}};
+  Json info{{"kind", "reflectance field"},
+            {"format_version", reflectance_field_version},
+            {"bytes", fs::file_size(path)},
+            {"image", size_of(field.width, field.height)},
+            {"colour_space", name_of(field.colour_space)},
+            {"light", describe(field.basis.domain, field.monitors)},
+            {"basis", describe(field.basis)},
+            {"transfer", describe(field.transfer)},
+            {"pixels_in_scene", kernels.pixels},
+            {"distinct_boxes", kernels.distinct_boxes},
+            {"kernels",
+             {{"allowed", kernels.kernels},
+              {"stored", kernels.stored},
+              {"mean_per_pixel", kernels.mean_stored},
+              {"nonzero_percent", 100.0 * kernels.nonzero_share},
+              {"percent_for_99_percent_of_energy", 100.0 * kernels.share_of_99_percent},
+              {"percent_for_95_percent_of_energy", 100.0 * kernels.share_of_95_percent},
+              {"pixels_by_number_of_kernels", kernels.histogram}}}};
   if (!field.quality.training_error.empty())
     info["training_error"] = {{"median", quantile(field.quality.training_error, 0.5)},
                               {"percentile_90", quantile(field.quality.training_error, 0.9)}};
@@ -160,25 +157,25 @@ ordered_json describe_field(const fs::path& path, const ReflectanceField& field)
   return info;
 }
 
-ordered_json describe_whole_field(const fs::path& path) {
+Json describe_whole_field(const fs::path& path) {
   auto either = read_either_field(path, run_context());
   if (const auto* field = std::get_if<ReflectanceField>(&either)) {
     if (!is_precomputed(*field)) return describe_field(path, *field);
     return describe_precomputed(path, *field, describe(field->transfer));
   }
   auto& packed = std::get<PackedField>(either);
-  const ordered_json transfer = describe(packed.tiles);
-  ordered_json info = is_precomputed(packed.outline) ? describe_precomputed(path, packed.outline, transfer)
-                                                     : describe_field(path, expand(std::move(packed)));
+  const Json transfer = describe(packed.tiles);
+  Json info = is_precomputed(packed.outline) ? describe_precomputed(path, packed.outline, transfer)
+                                             : describe_field(path, expand(std::move(packed)));
   if (info["kind"] == "reflectance field") info["kind"] = "packed reflectance field";
   info["format_version"] = packed_field_version;
   info["transfer"] = transfer;
   return info;
 }
 
-ordered_json describe_part(const fs::path& path) {
+Json describe_part(const fs::path& path) {
   const FieldPart part = read_field_part(path, run_context());
-  ordered_json info = describe_field(path, part.field);
+  Json info = describe_field(path, part.field);
   info["kind"] = "part of a reflectance field";
   info["rows"] = {part.rows.first, part.rows.last};
   info["whole_image"] = size_of(part.field.width, part.image_height);
@@ -192,7 +189,7 @@ std::optional<CaptureVerdict> checked(const CaptureSession& session) {
   return check_capture(session, {}, run_context());
 }
 
-ordered_json describe_session(const fs::path& folder) {
+Json describe_session(const fs::path& folder) {
   const CaptureSession session = read_capture_session(folder);
   std::map<std::string, std::map<std::string, int>> counts;
   std::size_t with_sigma = 0;
@@ -200,14 +197,14 @@ ordered_json describe_session(const fs::path& folder) {
     ++counts[std::string(name_of(frame.role))][frame.kind.empty() ? "unnamed" : frame.kind];
     with_sigma += read_image_header(frame.observed).has_sigma;
   }
-  ordered_json info{{"kind", "capture session"},
-                    {"image", size_of(session.width, session.height)},
-                    {"colour_space", name_of(session.colour_space())},
-                    {"light", describe(session.light, session.monitors)},
-                    {"frames", session.frames.size()},
-                    {"frames_by_role_and_kind", counts},
-                    {"frames_with_noise_estimate", with_sigma},
-                    {"ambient_frame", session.ambient.has_value()}};
+  Json info{{"kind", "capture session"},
+            {"image", size_of(session.width, session.height)},
+            {"colour_space", name_of(session.colour_space())},
+            {"light", describe(session.light, session.monitors)},
+            {"frames", session.frames.size()},
+            {"frames_by_role_and_kind", counts},
+            {"frames_with_noise_estimate", with_sigma},
+            {"ambient_frame", session.ambient.has_value()}};
   if (const auto& colour = session.colour)
     info["colour_chart"] = {{"photograph", colour->chart},
                             {"delta_e_2000_median", colour->median_delta_e},
@@ -219,7 +216,7 @@ ordered_json describe_session(const fs::path& folder) {
   return info;
 }
 
-ordered_json describe_values(const Image& image) {
+Json describe_values(const Image& image) {
   float low = INFINITY;
   float high = -INFINITY;
   double sum = 0.0;
@@ -234,7 +231,7 @@ ordered_json describe_values(const Image& image) {
     sum += value;
     ++finite;
   }
-  ordered_json values{{"nan", nan}, {"infinite", infinite}, {"negative", negative}};
+  Json values{{"nan", nan}, {"infinite", infinite}, {"negative", negative}};
   if (finite > 0) {
     values["lowest"] = low;
     values["mean"] = sum / static_cast<double>(finite);
@@ -243,7 +240,7 @@ ordered_json describe_values(const Image& image) {
   return values;
 }
 
-ordered_json describe_image(const fs::path& path) {
+Json describe_image(const fs::path& path) {
   const ImageHeader header = read_image_header(path);
   return {{"kind", "image"},
           {"bytes", fs::file_size(path)},
@@ -252,7 +249,7 @@ ordered_json describe_image(const fs::path& path) {
           {"radiance", describe_values(read_image(path))}};
 }
 
-ordered_json describe_path(const fs::path& path) {
+Json describe_path(const fs::path& path) {
   if (fs::is_directory(path)) return describe_session(path);
   if (path.extension() == ".rfield")
     return is_field_part(path, run_context()) ? describe_part(path) : describe_whole_field(path);
@@ -287,12 +284,12 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("file", *path, "File: reflectance field (.rfield), session folder or image")->required();
   verb->callback([path, &common, &action] {
     action = [path, &common] {
-      ordered_json info = describe_path(*path);
+      Json info = describe_path(*path);
       std::optional<CaptureVerdict> verdict;
       if (fs::is_directory(*path)) verdict = checked(read_capture_session(*path));
       const std::vector<std::string> notes = notes_of(*path);
       if (!notes.empty() && common.json) info["import_notes"] = notes;
-      if (verdict && common.json) info["check"] = ordered_json::parse(verdict_json(*verdict));
+      if (verdict && common.json) info["check"] = json_from_text(verdict_json(*verdict));
       if (common.json)
         print_json(info);
       else

@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -12,6 +11,7 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
 #include "estimate/estimate.h"
@@ -32,11 +32,11 @@ void merge(const MergeArguments& arguments, const Common& common) {
   const OutputLock lock(arguments.output, arguments.parts, ".rfield");
   const ReflectanceField field = merge_field_parts(arguments.parts, arguments.output, run_context());
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const nlohmann::ordered_json figures = {{"parts", arguments.parts.size()},
-                                          {"width", field.width},
-                                          {"height", field.height},
-                                          {"distinct_boxes", field.basis.boxes.size()},
-                                          {"kernels", field.transfer.row_start.back()}};
+  const Json figures = {{"parts", arguments.parts.size()},
+                        {"width", field.width},
+                        {"height", field.height},
+                        {"distinct_boxes", field.basis.boxes.size()},
+                        {"kernels", field.transfer.row_start.back()}};
   report::write_run_log(arguments.output, "merge", seconds, figures);
   if (common.json)
     print_json(figures);

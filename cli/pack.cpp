@@ -2,13 +2,13 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/packed_field.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -19,15 +19,13 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct PackOptions {
   fs::path field;
   fs::path output;
   double error = 1e-3;
 };
 
-void print(const fs::path& output, const ordered_json& figures) {
+void print(const fs::path& output, const Json& figures) {
   const double before = figures["bytes_before"], after = figures["bytes"];
   std::printf("%s: %.1f MB instead of %.1f MB, compression ratio %.2f\n", output.c_str(), after * 1e-6,
               before * 1e-6, before / after);
@@ -51,7 +49,7 @@ ReflectanceField full_field(const fs::path& path) {
 void pack(const PackOptions& options, const Common& common) {
   const OutputLock lock(options.output, {options.field}, ".rfield");
   const PackResult packed = pack_field(full_field(options.field), options.error, run_context());
-  ordered_json figures = ordered_json::parse(packed.field.outline.provenance)["pack"];
+  Json figures = json_from_text(packed.field.outline.provenance)["pack"];
   write_packed_field(options.output, packed.field);
   figures["bytes_before"] = fs::file_size(options.field);
   figures["bytes"] = fs::file_size(options.output);

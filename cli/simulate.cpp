@@ -5,14 +5,13 @@
 
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "cli/report/input.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -71,7 +70,7 @@ Recipe recipe_of(const Arguments& arguments) {
 // What made the folder, and whether it is finished: tells our own output from anyone else's files.
 constexpr const char* record_name = "simulation.json";
 
-void write_record(const fs::path& folder, nlohmann::json provenance, bool complete) {
+void write_record(const fs::path& folder, Json provenance, bool complete) {
   provenance["complete"] = complete;
   write_text_atomically(folder / record_name, json_text(provenance, 2) + "\n");
 }
@@ -84,7 +83,7 @@ void require_replaceable(const fs::path& folder, bool force) {
   if (!fs::exists(folder / record_name))
     throw InputError(folder.string() +
                      ": is not empty and was not created by 'refield simulate'; give another folder");
-  const auto record = nlohmann::json::parse(read_text(folder / record_name), nullptr, false);
+  const auto record = json_if_valid(read_text(folder / record_name));
   const bool unfinished = record.is_object() && record.contains("complete") && record["complete"] == false;
   if (!unfinished && !force)
     throw InputError(folder.string() +
@@ -117,17 +116,17 @@ void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
   const double pixels = static_cast<double>(summary.width) * summary.height;
   const double rays_per_second = static_cast<double>(summary.rays) / std::max(1e-9, summary.trace_seconds);
   if (json) {
-    print_json(nlohmann::json{{"folder", folder.string()},
-                              {"width", summary.width},
-                              {"height", summary.height},
-                              {"lights", summary.lights},
-                              {"entries_per_pixel", summary.entries_per_pixel},
-                              {"transport_bytes", summary.transport_bytes},
-                              {"rays", summary.rays},
-                              {"rays_per_second", rays_per_second},
-                              {"light_seconds", summary.light_seconds},
-                              {"trace_seconds", summary.trace_seconds},
-                              {"write_seconds", summary.write_seconds}});
+    print_json(Json{{"folder", folder.string()},
+                    {"width", summary.width},
+                    {"height", summary.height},
+                    {"lights", summary.lights},
+                    {"entries_per_pixel", summary.entries_per_pixel},
+                    {"transport_bytes", summary.transport_bytes},
+                    {"rays", summary.rays},
+                    {"rays_per_second", rays_per_second},
+                    {"light_seconds", summary.light_seconds},
+                    {"trace_seconds", summary.trace_seconds},
+                    {"write_seconds", summary.write_seconds}});
     return;
   }
   std::printf("%s: %d photographs of %d×%d pixels\n", folder.c_str(), summary.lights, summary.width,
@@ -165,12 +164,12 @@ void simulate(const Arguments& arguments, const Common& common) {
     std::fprintf(stderr, "The simulation needs about %.0f MB of memory and %.0f MB of disk space.\n",
                  static_cast<double>(plan.memory_bytes) / 1e6, static_cast<double>(plan.disk_bytes) / 1e6);
   }
-  const nlohmann::json provenance{{"program", "refield " REFIELD_VERSION},
-                                  {"method", "ray traced transport"},
-                                  {"recipe", arguments.recipe.filename().string()},
-                                  {"seed", recipe.seed},
-                                  {"quality", options.quality},
-                                  {"noise", options.noise}};
+  const Json provenance{{"program", "refield " REFIELD_VERSION},
+                        {"method", "ray traced transport"},
+                        {"recipe", arguments.recipe.filename().string()},
+                        {"seed", recipe.seed},
+                        {"quality", options.quality},
+                        {"noise", options.noise}};
   options.provenance = json_text(provenance);
   require_free_space(arguments.folder, plan.disk_bytes);
   create_folders(arguments.folder);

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "cli/common/options.h"
 #include "cli/estimate_options.h"
@@ -13,6 +12,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/image/image_io.h"
@@ -194,7 +194,7 @@ void submit_jobs(const Submission& submission, const Plan& plan, const std::vect
   std::vector<std::string> missing, after;
   for (int shard = 1; shard <= plan.shards; ++shard)
     if (!fs::exists(shards / (std::to_string(shard) + ".rfield"))) missing.push_back(std::to_string(shard));
-  nlohmann::ordered_json figures = {{"shards", plan.shards}, {"name", submission.name}};
+  Json figures = {{"shards", plan.shards}, {"name", submission.name}};
   if (!missing.empty()) {
     std::string array = "--array=";
     for (const std::string& shard : missing) array += (shard == missing.front() ? "" : ",") + shard;

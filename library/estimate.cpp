@@ -3,12 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "core/base/errors.h"
 #include "core/base/isolated.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field/drift.h"
 #include "core/image/image_io.h"
@@ -56,9 +55,7 @@ Field v0_2::estimate(const CaptureArrays& capture, const EstimateOptions& option
 
 namespace {
 
-using nlohmann::ordered_json;
-
-ordered_json plan_figures(const EstimateOptions& options, const EstimatePlan& plan) {
+Json plan_figures(const EstimateOptions& options, const EstimatePlan& plan) {
   return {{"mode", name_of(options.mode)},
           {"kernels", options.kernels},
           {"images", plan.images},
@@ -70,10 +67,10 @@ ordered_json plan_figures(const EstimateOptions& options, const EstimatePlan& pl
 }
 
 /// What was found about the frames, for the log.
-ordered_json frame_figures(const FrameReport& report) {
+Json frame_figures(const FrameReport& report) {
   static constexpr const char* kinds[] = {"brightness", "light", "region"};
   const auto list = [](const std::vector<LeftOutFrame>& frames) {
-    ordered_json result = ordered_json::array();
+    Json result = Json::array();
     for (const LeftOutFrame& frame : frames)
       result.push_back({{"frame", frame.name},
                         {"why", frame.why},
@@ -83,10 +80,10 @@ ordered_json frame_figures(const FrameReport& report) {
                         {"share_of_picture", frame.found.share}});
     return result;
   };
-  ordered_json figures = {{"left_out", list(report.left_out)}};
+  Json figures = {{"left_out", list(report.left_out)}};
   if (!report.doubtful.empty()) figures["doubtful"] = list(report.doubtful);
   if (!report.drift.points.empty()) {
-    ordered_json points = ordered_json::array();
+    Json points = Json::array();
     for (const DriftPoint& point : report.drift.points)
       points.push_back({{"frame", point.frame},
                         {"order", point.order},
@@ -98,14 +95,13 @@ ordered_json frame_figures(const FrameReport& report) {
                         {"reference_frames", points}};
   }
   if (!report.rig.findings.empty() || !report.rig.model.is_identity())
-    figures["rig"] = ordered_json::parse(rig_text(report.rig.model));
+    figures["rig"] = json_from_text(rig_text(report.rig.model));
   if (report.typical_residual > 0.0) figures["typical_frame_residual"] = report.typical_residual;
   return figures;
 }
 
-ordered_json more_images_figures(int images, const std::vector<LearningPoint>& points,
-                                 const LearningCurve& curve) {
-  auto measured = ordered_json::array();
+Json more_images_figures(int images, const std::vector<LearningPoint>& points, const LearningCurve& curve) {
+  auto measured = Json::array();
   for (const LearningPoint& point : points)
     measured.push_back({{"images", std::lround(point.share * images)}, {"error", point.error}});
   return {{"measured", measured},
@@ -116,7 +112,7 @@ ordered_json more_images_figures(int images, const std::vector<LearningPoint>& p
 
 /// Fills in the texts of a report.
 void tell(EstimateSummary& summary, const std::filesystem::path& file, const EstimateOptions& options) {
-  ordered_json log = {{"stage", "estimate"}, {"field", file.string()}, {"version", REFIELD_VERSION}};
+  Json log = {{"stage", "estimate"}, {"field", file.string()}, {"version", REFIELD_VERSION}};
   log.update(plan_figures(options, summary.plan));
   log.update({{"resumed_bands", summary.resumed_bands},
               {"seconds", summary.seconds},
@@ -127,7 +123,7 @@ void tell(EstimateSummary& summary, const std::filesystem::path& file, const Est
   for (const LeftOutFrame& frame : summary.frames.left_out) summary.left_out.push_back(frame.name);
   const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
   if (verdict.state() != RigFinding::State::good) summary.verdict = verdict_table(verdict);
-  log["check"] = ordered_json::parse(verdict_json(verdict));
+  log["check"] = json_from_text(verdict_json(verdict));
   const std::string unexplained = unexplained_error(
       summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
   if (!unexplained.empty()) log["unexplained_error"] = unexplained;
@@ -169,7 +165,7 @@ EstimateCost v0_2::estimate_cost(const Session& session, const EstimateOptions& 
   options.check();
   return guarded(run, [&]() -> EstimateCost {
     CostEstimate cost = estimate_cost(session.internal(), options, run);
-    ordered_json figures = plan_figures(options, cost.plan);
+    Json figures = plan_figures(options, cost.plan);
     figures.update({{"estimated_seconds", cost.seconds()},
                     {"estimated_seconds_lights", cost.lights_seconds},
                     {"estimated_seconds_photographs", cost.photographs_seconds},

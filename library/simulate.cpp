@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/simulate.h"
 
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
 #include "cli/dynamic/prepared_scene.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/session/capture_session.h"
 #include "library/data.h"
 #include "relight/pack/pack.h"
@@ -49,12 +48,12 @@ Session v0_2::simulate(const fs::path& recipe_path, const fs::path& folder, cons
   tracing.quality = options.quality;
   tracing.noise = options.noise;
   tracing.keep_transport = options.keep_transport;
-  tracing.provenance = json_text(nlohmann::json{{"program", "refield " REFIELD_VERSION},
-                                                {"method", "ray traced transport"},
-                                                {"recipe", recipe_path.filename().string()},
-                                                {"seed", recipe.seed},
-                                                {"quality", options.quality},
-                                                {"noise", options.noise}});
+  tracing.provenance = json_text(Json{{"program", "refield " REFIELD_VERSION},
+                                      {"method", "ray traced transport"},
+                                      {"recipe", recipe_path.filename().string()},
+                                      {"seed", recipe.seed},
+                                      {"quality", options.quality},
+                                      {"noise", options.noise}});
   tracing.check();
   guarded(run, [&] {
     create_folders(folder);
@@ -96,12 +95,12 @@ Field v0_2::precompute(const fs::path& path, const PrecomputeOptions& options, c
     const bool glossy = is_harmonic || options.image;
     prt::Scene scene = prt::read_scene(path, run, glossy ? prt::Gloss::lobes : prt::Gloss::diffuse);
     prt::sort_vertices(scene);
-    nlohmann::ordered_json provenance{{"program", "refield " REFIELD_VERSION},
-                                      {"scene", path.filename().string()},
-                                      {"method", is_harmonic ? "sh" : "clusters"}};
+    Json provenance{{"program", "refield " REFIELD_VERSION},
+                    {"scene", path.filename().string()},
+                    {"method", is_harmonic ? "sh" : "clusters"}};
     FieldRows rows =
         is_harmonic ? prt::harmonic_field(scene, harmonics, run) : cluster_rows(scene, options, run);
-    provenance.update(nlohmann::ordered_json::parse(rows.outline.provenance));
+    provenance.update(json_from_text(rows.outline.provenance));
     rows.outline.provenance = json_text(provenance);
     if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;
     return public_field(pack_rows(std::move(rows), 8, run));

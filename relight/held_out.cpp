@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <span>
 
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"
@@ -34,7 +34,7 @@ std::vector<ImageError> errors_of(const std::vector<HeldOutImage>& images) {
 }
 
 /// The names that a field's provenance lists under `key`.
-std::set<std::string> names_in(const nlohmann::json& provenance, const char* key) {
+std::set<std::string> names_in(const Json& provenance, const char* key) {
   std::set<std::string> names;
   if (provenance.is_object() && provenance.contains(key) && provenance[key].is_array())
     for (const auto& name : provenance[key])
@@ -126,7 +126,7 @@ void hold_out_every(CaptureSession& session, int every) {
 }
 
 void mark_held_out(CaptureSession& session, const std::string& field_provenance) {
-  const auto provenance = nlohmann::json::parse(field_provenance, nullptr, false);
+  const auto provenance = json_if_valid(field_provenance);
   if (!session.folder.empty()) {
     const std::set<std::string> held_out = names_in(provenance, "held_out");
     for (CaptureFrame& frame : session.frames)
@@ -182,7 +182,7 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 
   const bool predicts = !field.quality.predicted_error.empty();
-  const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
+  const auto provenance = json_if_valid(field.provenance);
   const std::set<std::string> trained = names_in(provenance, "frames"),
                               lights = names_in(provenance, "lights");
   const auto is_trained = [&](CaptureFrame frame) {

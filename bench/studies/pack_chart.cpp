@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <sstream>
 #include <variant>
 
@@ -11,7 +10,7 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/packed_field.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -45,7 +44,7 @@ void make_pack_chart(const PackChartArguments& arguments, const Common& common) 
   const ReflectanceField& field = std::get<ReflectanceField>(read);
   create_folders(arguments.folder);
   std::ostringstream table;
-  nlohmann::ordered_json series = nlohmann::ordered_json::array();
+  Json series = Json::array();
   Progress progress(run_context(), "pack", error_bounds.size());
   for (const double bound : error_bounds) {
     run_context().throw_if_stopped();

@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
@@ -18,6 +17,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -25,8 +25,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-
-using nlohmann::ordered_json;
 
 struct CalibrateVerbOptions {
   fs::path rig;  ///< rig file or recipe
@@ -61,41 +59,41 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
   return options;
 }
 
-ordered_json figures_of(const RigMeasurements& rig) {
-  ordered_json pairs = ordered_json::array();
+Json figures_of(const RigMeasurements& rig) {
+  Json pairs = Json::array();
   for (const SuperpositionPair& pair : rig.superposition.pairs)
     pairs.push_back({{"patterns", pair.name},
                      {"error", pair.error},
                      {"uncertainty", pair.uncertainty},
                      {"worst_block", pair.worst_block}});
-  ordered_json ripples = ordered_json::array();
+  Json ripples = Json::array();
   for (const Ripple& ripple : rig.banding.ripples)
     ripples.push_back({{"hz", ripple.hz}, {"depth", ripple.depth}});
-  ordered_json figures = {{"display_latency_s", rig.timing.display_latency.count()},
-                          {"display_settling_s", rig.timing.display_settling.count()},
-                          {"control_latency_frames", rig.timing.control_latency_frames},
-                          {"refresh_period_s", rig.timing.refresh_period.count()},
-                          {"exposure_unit_s", rig.timing.exposure_unit.count()},
-                          {"ripples", ripples},
-                          {"black_level_dn", rig.camera.black_level_dn},
-                          {"saturation_dn", rig.camera.saturation_dn},
-                          {"saturation_seen", rig.response.saturation_seen},
-                          {"linear", rig.response.is_linear},
-                          {"response_residual", rig.response.residual},
-                          {"electrons_per_dn", rig.camera.electrons_per_dn},
-                          {"read_noise_electrons", rig.camera.read_noise_electrons},
-                          {"full_well_electrons", rig.noise.full_well_electrons},
-                          {"superposition_holds", rig.superposition.holds()},
-                          {"superposition", pairs},
-                          {"warnings", rig.warnings}};
+  Json figures = {{"display_latency_s", rig.timing.display_latency.count()},
+                  {"display_settling_s", rig.timing.display_settling.count()},
+                  {"control_latency_frames", rig.timing.control_latency_frames},
+                  {"refresh_period_s", rig.timing.refresh_period.count()},
+                  {"exposure_unit_s", rig.timing.exposure_unit.count()},
+                  {"ripples", ripples},
+                  {"black_level_dn", rig.camera.black_level_dn},
+                  {"saturation_dn", rig.camera.saturation_dn},
+                  {"saturation_seen", rig.response.saturation_seen},
+                  {"linear", rig.response.is_linear},
+                  {"response_residual", rig.response.residual},
+                  {"electrons_per_dn", rig.camera.electrons_per_dn},
+                  {"read_noise_electrons", rig.camera.read_noise_electrons},
+                  {"full_well_electrons", rig.noise.full_well_electrons},
+                  {"superposition_holds", rig.superposition.holds()},
+                  {"superposition", pairs},
+                  {"warnings", rig.warnings}};
   if (rig.flat_field) figures["darkest_corner"] = rig.flat_field->least;
   if (rig.screen) figures["darkest_of_screen"] = rig.screen->least;
   return figures;
 }
 
 /// The inverse response at 100 steps of the range: light as a fraction of saturation.
-ordered_json response_table(const CameraResponse& response, double range_dn) {
-  ordered_json table;
+Json response_table(const CameraResponse& response, double range_dn) {
+  Json table;
   const double black = response.black_level_dn;
   for (int i = 0; i <= 100; ++i) {
     const double dn = black + (response.saturation_dn - black) * i / 100.0;
@@ -104,10 +102,10 @@ ordered_json response_table(const CameraResponse& response, double range_dn) {
   return table;
 }
 
-ordered_json tone_curves(const ToneCurve& curve) {
-  ordered_json channels;
+Json tone_curves(const ToneCurve& curve) {
+  Json channels;
   for (int c = 0; c < 3; ++c) {
-    ordered_json table;
+    Json table;
     for (int level = 0; level < 256; level += 3) table.push_back({level, curve.light_from_level[c][level]});
     channels.push_back(
         {{"name", std::array{"red", "green", "blue"}[c]}, {"table", table}, {"measured", curve.measured[c]}});
@@ -116,14 +114,14 @@ ordered_json tone_curves(const ToneCurve& curve) {
 }
 
 /// (middle of the exposure in seconds, fraction of the new light).
-ordered_json changes_json(const std::vector<ChangeFrame>& frames) {
-  ordered_json changes = ordered_json::array();
+Json changes_json(const std::vector<ChangeFrame>& frames) {
+  Json changes = Json::array();
   for (const ChangeFrame& frame : frames)
     changes.push_back({frame.start_s + frame.exposure_s / 2.0, frame.share});
   return changes;
 }
 
-ordered_json map_json(const char* heading, const UniformityMap& measured, const char* text) {
+Json map_json(const char* heading, const UniformityMap& measured, const char* text) {
   Image picture(240, 180, 1);
   for (int y = 0; y < picture.height; ++y)
     for (int x = 0; x < picture.width; ++x) picture.at(x, y, 0) = measured.map.at_pixel(x, y, picture);
@@ -134,11 +132,11 @@ ordered_json map_json(const char* heading, const UniformityMap& measured, const 
 }
 
 /// What the page draws (cli/report/calibration.js): the figures, and what they were read from.
-ordered_json page_data(const RigMeasurements& rig) {
+Json page_data(const RigMeasurements& rig) {
   const CameraResponse& response = rig.response;
   const double range_dn =
       response.linear_from_dn[static_cast<std::size_t>(response.saturation_dn)] - response.black_level_dn;
-  ordered_json data = figures_of(rig);
+  Json data = figures_of(rig);
   data["page"] = "calibration";
   data["command"] = "refield acquire calibrate";
   data["camera"] = rig.camera_description.name;
@@ -156,7 +154,7 @@ ordered_json page_data(const RigMeasurements& rig) {
       {"points", response.points}, {"table", response_table(response, range_dn)}, {"range_dn", range_dn}};
   data["noise"] = rig.noise.points;
   data["tone_curves"] = tone_curves(rig.tone_curve);
-  data["maps"] = ordered_json::array();
+  data["maps"] = Json::array();
   if (rig.flat_field)
     data["maps"].push_back(map_json("Vignetting", *rig.flat_field,
                                     "Relative light at each position of the frame. Photographs are divided "

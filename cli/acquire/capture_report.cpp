@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/acquire/capture_report.h"
 
-#include <nlohmann/json.hpp>
-
 #include <cstdio>
 
 #include "acquire/hdr/hdr_merge.h"
@@ -10,41 +8,40 @@
 #include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "estimate/rig/verdict.h"
 
 namespace refield::cli {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 namespace {
 
-ordered_json figures_of(const CaptureSummary& summary, const UntilError* until) {
-  ordered_json exposures = ordered_json::array();
+Json figures_of(const CaptureSummary& summary, const UntilError* until) {
+  Json exposures = Json::array();
   for (std::size_t i = 0; i < summary.exposures.size(); ++i) {
     exposures.push_back({{"seconds", summary.exposures[i].count()}});
     if (!summary.useful_fraction.empty()) exposures.back()["useful_fraction"] = summary.useful_fraction[i];
   }
-  ordered_json figures = {{"lights", summary.lights},
-                          {"left_out", summary.left_out},
-                          {"taken_over", summary.found_done},
-                          {"damaged_and_repeated", summary.found_damaged},
-                          {"exposures", exposures},
-                          {"exposure_plan", summary.exposure_note},
-                          {"clipped_fraction", summary.clipped_fraction},
-                          {"lights_brighter_than_monitor", summary.out_of_range_lights},
-                          {"frames_discarded_early", summary.discarded.early},
-                          {"frames_discarded_stale", summary.discarded.stale},
-                          {"frames_lost", summary.discarded.lost},
-                          {"seconds", summary.seconds}};
+  Json figures = {{"lights", summary.lights},
+                  {"left_out", summary.left_out},
+                  {"taken_over", summary.found_done},
+                  {"damaged_and_repeated", summary.found_damaged},
+                  {"exposures", exposures},
+                  {"exposure_plan", summary.exposure_note},
+                  {"clipped_fraction", summary.clipped_fraction},
+                  {"lights_brighter_than_monitor", summary.out_of_range_lights},
+                  {"frames_discarded_early", summary.discarded.early},
+                  {"frames_discarded_stale", summary.discarded.stale},
+                  {"frames_lost", summary.discarded.lost},
+                  {"seconds", summary.seconds}};
   if (until && until->last().images > 0)
-    figures["until_error"] = {{"target", until->target()},
-                              {"reached", until->reached()},
-                              {"predicted", until->last().predicted ? ordered_json(*until->last().predicted)
-                                                                    : ordered_json(nullptr)},
-                              {"photograph_noise", until->last().noise},
-                              {"images", until->last().images},
-                              {"images_needed", until->images_for()}};
+    figures["until_error"] = {
+        {"target", until->target()},
+        {"reached", until->reached()},
+        {"predicted", until->last().predicted ? Json(*until->last().predicted) : Json(nullptr)},
+        {"photograph_noise", until->last().noise},
+        {"images", until->last().images},
+        {"images_needed", until->images_for()}};
   return figures;
 }
 
@@ -115,7 +112,7 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
                            {"frames_discarded_stale", summary.discarded.stale},
                            {"frames_lost", summary.discarded.lost}});
   if (common.json) {
-    ordered_json figures = figures_of(summary, until);
+    Json figures = figures_of(summary, until);
     report_check(session, &figures);
     print_json(figures);
     return;
@@ -125,14 +122,14 @@ void report_capture(const CaptureSummary& summary, const fs::path& session, cons
   report_check(session);
 }
 
-void report_check(const fs::path& session, ordered_json* figures) {
+void report_check(const fs::path& session, Json* figures) {
   if (!fs::exists(session / session_manifest_name)) return;
   try {
     const CaptureVerdict verdict = check_capture(read_capture_session(session), {}, run_context());
     const std::string table = verdict_table(verdict);
     const bool is_good = verdict.state() == RigFinding::State::good;
     if (figures)
-      (*figures)["check"] = ordered_json::parse(verdict_json(verdict));
+      (*figures)["check"] = json_from_text(verdict_json(verdict));
     else
       std::printf("%s", (is_good ? table.substr(0, table.find('\n') + 1) : table).c_str());
   } catch (const InputError& error) {  // the photographs are kept all the same

@@ -4,13 +4,13 @@
 #include <CLI/CLI.hpp>
 
 #include <filesystem>
-#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "acquire/capture/capture.h"
 #include "acquire/capture/session_writer.h"
 #include "cli/acquire/until_error.h"
 #include "cli/verbs.h"
+#include "core/base/json.h"
 
 namespace refield::cli {
 
@@ -21,7 +21,7 @@ void report_capture(const CaptureSummary& summary, const std::filesystem::path& 
 
 /// Checks the photographs of a session (check_capture()) and prints the verdict, all of it where something is
 /// not good; with `figures`, adds it to them instead. Nothing for a folder that is not a session.
-void report_check(const std::filesystem::path& session, nlohmann::ordered_json* figures = nullptr);
+void report_check(const std::filesystem::path& session, Json* figures = nullptr);
 
 /// Adds --resume, which sets `choice` to IfExists::resume.
 void add_resume_flag(CLI::App& verb, IfExists& choice);

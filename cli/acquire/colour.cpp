@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "acquire/colour/colour_chart.h"
@@ -12,6 +11,7 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"
@@ -22,8 +22,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct ColourOptions {
   fs::path session;
   fs::path chart;
@@ -82,8 +80,8 @@ Image picture_of(const Photograph& photograph, const ColourChart& chart, const C
   return picture;
 }
 
-ordered_json rows_of(const Eigen::Matrix3d& matrix) {
-  ordered_json rows = ordered_json::array();
+Json rows_of(const Eigen::Matrix3d& matrix) {
+  Json rows = Json::array();
   for (int r = 0; r < 3; ++r) rows.push_back({matrix(r, 0), matrix(r, 1), matrix(r, 2)});
   return rows;
 }
@@ -111,9 +109,9 @@ void calibrate_colour(const ColourOptions& options, const Common& common) {
   const Eigen::Matrix3d acescg =
       rgb_from_rgb(rec709_chromaticities(), acescg_chromaticities()) * fit.rec709_from_camera;
   if (common.json) {
-    ordered_json patches = ordered_json::object();
+    Json patches = Json::object();
     for (int k = 0; k < chart_patches; ++k) patches[std::string(chart_patch_name(k))] = fit.delta_e[k];
-    const ordered_json figures{
+    const Json figures{
         {"chart", path.string()},
         {"rec709_from_camera", rows_of(fit.rec709_from_camera)},
         {"acescg_from_camera", rows_of(acescg)},

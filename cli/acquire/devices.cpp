@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/gpio_trigger.h"
@@ -14,42 +13,41 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 
 namespace refield::cli {
 
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
-ordered_json json_of(const V4l2FormatInfo& format) {
+Json json_of(const V4l2FormatInfo& format) {
   const auto known = find_v4l2_format(format.fourcc);
-  ordered_json sizes = ordered_json::array();
+  Json sizes = Json::array();
   for (const V4l2FrameSize& size : format.sizes)
     sizes.push_back({{"width", size.width}, {"height", size.height}, {"rates", size.rates}});
   return {{"format", fourcc_text(format.fourcc)},
           {"description", format.name},
           {"supported", known.has_value()},
           {"raw", known && known->is_raw()},
-          {"layout", known ? ordered_json(layout_name(known->layout)) : ordered_json()},
-          {"bits", known ? ordered_json(known->bits) : ordered_json()},
+          {"layout", known ? Json(layout_name(known->layout)) : Json()},
+          {"bits", known ? Json(known->bits) : Json()},
           {"sizes", sizes}};
 }
 
-ordered_json json_of(const V4l2ControlInfo& control) {
-  ordered_json result = {{"name", control.name},           {"value", control.value},
-                         {"default", control.standard},    {"lowest", control.lowest},
-                         {"highest", control.highest},     {"step", control.step},
-                         {"writable", control.is_writable}};
+Json json_of(const V4l2ControlInfo& control) {
+  Json result = {{"name", control.name},           {"value", control.value},
+                 {"default", control.standard},    {"lowest", control.lowest},
+                 {"highest", control.highest},     {"step", control.step},
+                 {"writable", control.is_writable}};
   if (!control.menu.empty()) result["choices"] = control.menu;
   return result;
 }
 
-ordered_json cameras() {
-  ordered_json list = ordered_json::array();
+Json cameras() {
+  Json list = Json::array();
   for (const V4l2Identity& camera : find_v4l2_cameras()) try {
       const V4l2Device device(camera.node);
-      ordered_json formats = ordered_json::array(), controls = ordered_json::array();
+      Json formats = Json::array(), controls = Json::array();
       for (const V4l2FormatInfo& format : formats_of(device)) formats.push_back(json_of(format));
       for (const V4l2ControlInfo& control : controls_of(device)) controls.push_back(json_of(control));
       list.push_back({{"node", camera.node.string()},
@@ -63,18 +61,18 @@ ordered_json cameras() {
   return list;
 }
 
-ordered_json genicam_cameras() {
-  ordered_json list = ordered_json::array();
+Json genicam_cameras() {
+  Json list = Json::array();
   for (const GenicamIdentity& camera : find_genicam_cameras()) {
-    ordered_json entry = {{"device", "genicam:" + camera.serial},
-                          {"vendor", camera.vendor},
-                          {"model", camera.model},
-                          {"serial", camera.serial},
-                          {"address", camera.address},
-                          {"protocol", camera.protocol}};
+    Json entry = {{"device", "genicam:" + camera.serial},
+                  {"vendor", camera.vendor},
+                  {"model", camera.model},
+                  {"serial", camera.serial},
+                  {"address", camera.address},
+                  {"protocol", camera.protocol}};
     try {
       const GenicamAbilities abilities = abilities_of(camera);
-      ordered_json formats = ordered_json::array(), features = ordered_json::array();
+      Json formats = Json::array(), features = Json::array();
       for (const std::string& format : abilities.formats)
         formats.push_back({{"format", format}, {"supported", find_genicam_format(format).has_value()}});
       for (const GenicamFeature& feature : abilities.features)
@@ -89,15 +87,14 @@ ordered_json genicam_cameras() {
   return list;
 }
 
-ordered_json gphoto_cameras() {
-  ordered_json list = ordered_json::array();
+Json gphoto_cameras() {
+  Json list = Json::array();
   for (const GphotoIdentity& camera : find_gphoto_cameras()) {
-    ordered_json entry = {
-        {"device", "gphoto:" + camera.model}, {"model", camera.model}, {"port", camera.port}};
+    Json entry = {{"device", "gphoto:" + camera.model}, {"model", camera.model}, {"port", camera.port}};
     try {
       const GphotoAbilities abilities = abilities_of(camera);
       entry["serial"] = abilities.serial;
-      ordered_json settings = ordered_json::array();
+      Json settings = Json::array();
       for (const GphotoSetting& setting : abilities.settings)
         settings.push_back({{"name", setting.name},
                             {"value", setting.value},
@@ -112,10 +109,10 @@ ordered_json gphoto_cameras() {
   return list;
 }
 
-ordered_json monitors() {
-  ordered_json list = ordered_json::array();
+Json monitors() {
+  Json list = Json::array();
   for (const DrmConnectorInfo& connector : find_drm_connectors()) {
-    ordered_json modes = ordered_json::array();
+    Json modes = Json::array();
     for (const DrmModeInfo& mode : connector.modes)
       modes.push_back({{"mode", mode.text()}, {"preferred", mode.is_preferred}});
     list.push_back({{"connector", connector.name},
@@ -128,8 +125,8 @@ ordered_json monitors() {
 }
 
 /// Of the desktop, where there is one.
-ordered_json window_displays_of_desktop() {
-  ordered_json list = ordered_json::array();
+Json window_displays_of_desktop() {
+  Json list = Json::array();
   try {
     for (const WindowDisplay& display : window_displays())
       list.push_back({{"display", list.size()},
@@ -142,8 +139,8 @@ ordered_json window_displays_of_desktop() {
   return list;
 }
 
-ordered_json gpio_chips() {
-  ordered_json list = ordered_json::array();
+Json gpio_chips() {
+  Json list = Json::array();
   for (const GpioChipInfo& chip : find_gpio_chips())
     list.push_back({{"chip", chip.path},
                     {"name", chip.name},
@@ -154,7 +151,7 @@ ordered_json gpio_chips() {
 }
 
 /// What a person can do where devices are missing.
-void print_remedies(const ordered_json& devices) {
+void print_remedies(const Json& devices) {
   if (devices["cameras"].empty() && devices["genicam_cameras"].empty() && devices["gphoto_cameras"].empty())
     std::printf(
         "No camera was found. Check that it is connected and that you may open /dev/video* (group video); of "
@@ -199,12 +196,12 @@ void add_acquire_devices(CLI::App& group, const Common& common, Action& action) 
   verb->callback([file, &common, &action] {
     action = [file, &common] {
       if (!file->empty()) return write_rig_file(*file, common);
-      const ordered_json devices = {{"cameras", cameras()},
-                                    {"genicam_cameras", genicam_cameras()},
-                                    {"gphoto_cameras", gphoto_cameras()},
-                                    {"monitors", monitors()},
-                                    {"window_displays", window_displays_of_desktop()},
-                                    {"gpio_chips", gpio_chips()}};
+      const Json devices = {{"cameras", cameras()},
+                            {"genicam_cameras", genicam_cameras()},
+                            {"gphoto_cameras", gphoto_cameras()},
+                            {"monitors", monitors()},
+                            {"window_displays", window_displays_of_desktop()},
+                            {"gpio_chips", gpio_chips()}};
       if (common.json) return print_json(devices);
       print_figures(devices);
       print_remedies(devices);

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <numbers>
 #include <string>
 
@@ -15,6 +14,7 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/session/capture_session.h"
@@ -24,8 +24,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct GeometryOptions {
   fs::path session;
   std::string ball = "find";
@@ -118,16 +116,16 @@ void geometry(const GeometryOptions& options, const Common& common) {
   const Eigen::Vector2d centre = ball.centre_px();
   const std::string circle = formatted("%.1f,%.1f,%.1f", centre.x(), centre.y(), ball.radius_px());
   if (common.json) {
-    ordered_json corners = ordered_json::array();
+    Json corners = Json::array();
     for (const Eigen::Vector3d& corner : found.corners_mm)
       corners.push_back({corner.x(), corner.y(), corner.z()});
-    print_json(ordered_json{{"placement", text_of(found.placement)},
-                            {"corners_mm", corners},
-                            {"corner_sigma", found.corner_sigma},
-                            {"spot_rms_px", found.rms_px},
-                            {"spots", spots.size() - found.left_out.size()},
-                            {"left_out", left_out},
-                            {"ball", circle}});
+    print_json(Json{{"placement", text_of(found.placement)},
+                    {"corners_mm", corners},
+                    {"corner_sigma", found.corner_sigma},
+                    {"spot_rms_px", found.rms_px},
+                    {"spots", spots.size() - found.left_out.size()},
+                    {"left_out", left_out},
+                    {"ball", circle}});
     return;
   }
   std::printf("--placement %s\n", text_of(found.placement).c_str());

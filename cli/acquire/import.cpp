@@ -6,7 +6,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -25,6 +24,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 
 namespace refield::cli {
@@ -32,8 +32,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 /// Options of `refield acquire import`.
 struct ImportOptions {
   ImportRequest request;
@@ -88,8 +86,8 @@ ImportRequest request_of(const ImportOptions& options) {
   return request;
 }
 
-ordered_json figures_of(const ImportSummary& summary) {
-  ordered_json exposures = ordered_json::array();
+Json figures_of(const ImportSummary& summary) {
+  Json exposures = Json::array();
   for (std::size_t i = 0; i < summary.useful_fraction.size(); ++i)
     exposures.push_back(
         {{"seconds", summary.exposures[i].count()}, {"useful_fraction", summary.useful_fraction[i]}});
@@ -132,16 +130,16 @@ void merge_one_view(const ImportOptions& options, const Common& common) {
   const Photograph merged = merge_bracket(bracket, camera, &statistics);
   write_photograph(output, merged);
 
-  ordered_json images = ordered_json::array();
+  Json images = Json::array();
   for (std::size_t i = 0; i < bracket.paths.size(); ++i)
     images.push_back({{"file", bracket.paths[i].string()},
                       {"seconds", bracket.exposures[i].count()},
                       {"useful_fraction", statistics.useful_fraction[i]}});
   if (common.json) {
-    print_json(ordered_json{{"images", images},
-                            {"response_estimated", !camera.curve.empty()},
-                            {"notes", notes},
-                            {"clipped_fraction", statistics.clipped_fraction}});
+    print_json(Json{{"images", images},
+                    {"response_estimated", !camera.curve.empty()},
+                    {"notes", notes},
+                    {"clipped_fraction", statistics.clipped_fraction}});
     return;
   }
   for (const std::string& note : notes) std::printf("note: %s\n", note.c_str());
@@ -201,11 +199,11 @@ void estimate_camera_response(const ImportOptions& given, const Common& common) 
   calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
   write_calibration(output, calibration, std::nullopt);
   if (common.json) {
-    print_json(ordered_json{{"brackets", brackets.size()},
-                            {"places", estimate.places},
-                            {"residual", estimate.residual},
-                            {"disagreement_assumed", assumed},
-                            {"disagreement", estimated}});
+    print_json(Json{{"brackets", brackets.size()},
+                    {"places", estimate.places},
+                    {"residual", estimate.residual},
+                    {"disagreement_assumed", assumed},
+                    {"disagreement", estimated}});
     return;
   }
   std::printf("%s: response estimated from %zu samples of %zu brackets\n", output.c_str(), estimate.places,
@@ -225,21 +223,21 @@ std::optional<double> number_or_auto(const std::string& text, const char* option
   return number;
 }
 
-ordered_json figures_of(const MatchSummary& summary) {
+Json figures_of(const MatchSummary& summary) {
   const auto list = [](const std::vector<LeftOut>& files) {
-    ordered_json array = ordered_json::array();
+    Json array = Json::array();
     for (const LeftOut& file : files)
       array.push_back({{"file", file.file.string()}, {"reason", file.reason}});
     return array;
   };
-  ordered_json pairs = ordered_json::array();
+  Json pairs = Json::array();
   for (const MatchedPair& pair : summary.pairs)
     pairs.push_back({{"observed", pair.observed.string()},
                      {"light", pair.probe.string()},
                      {"apart_seconds", pair.apart_seconds}});
-  ordered_json figures = {{"offset_seconds", summary.clocks.offset_seconds},
-                          {"drift_ppm", 1e6 * summary.clocks.drift},
-                          {"tolerance_seconds", summary.tolerance_seconds}};
+  Json figures = {{"offset_seconds", summary.clocks.offset_seconds},
+                  {"drift_ppm", 1e6 * summary.clocks.drift},
+                  {"tolerance_seconds", summary.tolerance_seconds}};
   if (summary.estimate) {
     figures["correlation"] = summary.estimate->correlation;
     figures["runner_up"] = summary.estimate->runner_up;

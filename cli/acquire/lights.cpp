@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -15,6 +14,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/image/image.h"
 #include "core/image/image_io.h"
@@ -88,8 +88,7 @@ class PatternWriter {
 void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,
             const Common& common) {
   if (common.json) {
-    print_json(nlohmann::ordered_json{
-        {"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}});
+    print_json(Json{{"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}});
     return;
   }
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);

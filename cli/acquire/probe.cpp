@@ -4,7 +4,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -14,6 +13,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/session/capture_session.h"
 
@@ -22,8 +22,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 /// Options as text. Those that are lists hold a value for the photographs and one for those of --join.
 struct ProbeOptionsText {
   std::vector<std::string> photographs, join;
@@ -98,8 +96,8 @@ ProbeRequest request_of(const ProbeOptionsText& options) {
   return request;
 }
 
-ordered_json figures_of(const ProbeSummary& summary) {
-  ordered_json photographs = ordered_json::array();
+Json figures_of(const ProbeSummary& summary) {
+  Json photographs = Json::array();
   for (const ProbedPhotograph& p : summary.photographs)
     photographs.push_back({{"file", p.photograph.string()},
                            {"ball", {p.ball.centre.x(), p.ball.centre.y(), p.ball.radius}},

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -13,15 +12,13 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "relight/field_pictures.h"
 #include "relight/held_out.h"
 
 namespace refield::cli {
-
-using nlohmann::ordered_json;
 
 namespace {
 
@@ -174,7 +171,7 @@ class HelpFormatter : public CLI::Formatter {
   }
 };
 
-std::optional<nlohmann::ordered_json> printed;  ///< what print_json() was given
+std::optional<Json> printed;  ///< what print_json() was given
 
 }  // namespace
 
@@ -210,7 +207,7 @@ std::string printable(const std::string& text) {
 namespace {
 
 /// Whether `value` is an object or a list that holds one.
-bool holds_objects(const ordered_json& value) {
+bool holds_objects(const Json& value) {
   return value.is_object() || (value.is_array() && std::any_of(value.begin(), value.end(), holds_objects));
 }
 
@@ -221,7 +218,7 @@ std::string label_of(const std::string& key) {
 }
 
 /// A value, or a list of values: "30, 25".
-std::string line_of(const ordered_json& value) {
+std::string line_of(const Json& value) {
   constexpr std::size_t one_line = 40;
   if (value.is_array() && value.size() > one_line)
     return std::to_string(value.size()) + " values, see --json";
@@ -233,9 +230,9 @@ std::string line_of(const ordered_json& value) {
 }
 
 /// Objects of few values as lines of a table.
-void print_table(const ordered_json& rows, int indent) {
+void print_table(const Json& rows, int indent) {
   std::vector<std::string> keys;
-  for (const ordered_json& row : rows)
+  for (const Json& row : rows)
     for (const auto& [key, item] : row.items())
       if (std::ranges::find(keys, key) == keys.end()) keys.push_back(key);
   std::vector<std::vector<std::string>> lines(1 + rows.size());
@@ -257,7 +254,7 @@ void print_table(const ordered_json& rows, int indent) {
 
 }  // namespace
 
-void print_figures(const ordered_json& figures, int indent) {
+void print_figures(const Json& figures, int indent) {
   for (const auto& [key, item] : figures.items()) {
     const std::string label = label_of(key);
     if (!holds_objects(item) || item.empty()) {
@@ -267,28 +264,28 @@ void print_figures(const ordered_json& figures, int indent) {
     std::printf("%*s%s\n", indent, "", label.c_str());
     if (item.is_object()) print_figures(item, indent + 2);
     if (item.is_object()) continue;
-    const auto is_block = [](const ordered_json& entry) {
+    const auto is_block = [](const Json& entry) {
       return !entry.is_object() || std::any_of(entry.begin(), entry.end(), holds_objects);
     };
     if (std::none_of(item.begin(), item.end(), is_block)) {
       print_table(item, indent + 2);
       continue;
     }
-    for (const ordered_json& entry : item) print_figures(entry, indent + 2);
+    for (const Json& entry : item) print_figures(entry, indent + 2);
   }
 }
 
-void print_json(const nlohmann::ordered_json& figures) {
+void print_json(const Json& figures) {
   printed = figures;
 }
 
-void write_json(const std::filesystem::path& path, const nlohmann::ordered_json& figures) {
+void write_json(const std::filesystem::path& path, const Json& figures) {
   write_text_atomically(path, json_text(figures, 2) + "\n");
 }
 
 void finish_json(const std::string& kind, const std::string& message) {
   if (!printed && kind.empty()) return;
-  nlohmann::ordered_json document = {{"schema", 1}};
+  Json document = {{"schema", 1}};
   if (printed) document.update(*printed);
   if (!kind.empty()) document["error"] = {{"kind", kind}, {"message", message}};
   std::printf("%s\n", json_text(document, 2).c_str());
@@ -523,25 +520,24 @@ std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
 
 namespace {
 
-ordered_json finite_or_null(double value) {
-  return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
+Json finite_or_null(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
 }
 
 }  // namespace
 
-ordered_json held_out_figures(const HeldOutError& error) {
-  ordered_json figures = {
-      {"images", error.images},
-      {"trained_on", error.trained_on ? ordered_json(*error.trained_on) : ordered_json(nullptr)},
-      {"relative_rmse", finite_or_null(error.relative_rmse)},
-      {"median", finite_or_null(error.median)},
-      {"percentile_90", finite_or_null(error.percentile_90)},
-      {"tone_mapped_psnr_db", finite_or_null(error.tone_mapped_psnr_db)}};
+Json held_out_figures(const HeldOutError& error) {
+  Json figures = {{"images", error.images},
+                  {"trained_on", error.trained_on ? Json(*error.trained_on) : Json(nullptr)},
+                  {"relative_rmse", finite_or_null(error.relative_rmse)},
+                  {"median", finite_or_null(error.median)},
+                  {"percentile_90", finite_or_null(error.percentile_90)},
+                  {"tone_mapped_psnr_db", finite_or_null(error.tone_mapped_psnr_db)}};
   if (error.prediction)
     figures["predicted_error"] = {{"rank_correlation", finite_or_null(error.prediction->rank_correlation)},
                                   {"median_ratio", finite_or_null(error.prediction->median_ratio)},
                                   {"median", finite_or_null(error.prediction->predicted_median)}};
-  figures["per_image"] = ordered_json::array();
+  figures["per_image"] = Json::array();
   for (const HeldOutImage& image : error.per_image)
     figures["per_image"].push_back(
         {{"name", image.name},
@@ -551,8 +547,8 @@ ordered_json held_out_figures(const HeldOutError& error) {
   return figures;
 }
 
-ordered_json held_out_figures(const std::vector<HeldOutError>& errors) {
-  ordered_json kinds = ordered_json::object();
+Json held_out_figures(const std::vector<HeldOutError>& errors) {
+  Json kinds = Json::object();
   for (const HeldOutError& error : errors)
     kinds[error.kind.empty() ? "all" : error.kind] = held_out_figures(error);
   return kinds;

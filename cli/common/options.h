@@ -18,10 +18,12 @@ namespace refield {
 
 struct BracketCamera;
 
-// Of core/base, where they are documented, for paths that users give.
+// Of core/base, where they are documented: paths that users give, JSON.
 std::vector<std::filesystem::path> expand_globs(const std::vector<std::string>& patterns);
 void require_not_an_input(const std::filesystem::path& output,
                           const std::vector<std::filesystem::path>& inputs);
+using Json = nlohmann::ordered_json;
+Json json_from_text(const std::string& text);
 
 }  // namespace refield
 
@@ -37,18 +39,18 @@ CLI::Validator non_negative_number();
 void require_finite_numbers(CLI::App& app);
 
 /// Prints the results of a verb under --json: once the verb has ended, see finish_json().
-void print_json(const nlohmann::ordered_json& figures);
+void print_json(const Json& figures);
 
 /// Writes a file of JSON, atomically.
-void write_json(const std::filesystem::path& path, const nlohmann::ordered_json& figures);
+void write_json(const std::filesystem::path& path, const Json& figures);
 
 /// A file's text as it may go to a terminal: control characters, which could move the cursor or worse, and
 /// bytes that are not UTF-8 as their numbers.
 std::string printable(const std::string& text);
 
-/// Prints nested figures as "name: value" lines, with spaces for underscores. A list of objects is a table, or
-/// a block for each where an object holds others.
-void print_figures(const nlohmann::ordered_json& figures, int indent = 0);
+/// Prints nested figures as "name: value" lines, with spaces for underscores. A list of objects is a table,
+/// or a block for each where an object holds others.
+void print_figures(const Json& figures, int indent = 0);
 
 /// Writes the one JSON document of a run with --json, where there is one: "schema", the version of its keys
 /// (docs/reference/verbs.md), what print_json() was given and, unless `kind` is empty, the error that ended
@@ -142,9 +144,9 @@ std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
 
 /// Errors on held-out images for machines: of the series and, under "per_image", of each image with its
 /// file. What is not finite becomes null.
-nlohmann::ordered_json held_out_figures(const HeldOutError& error);
+Json held_out_figures(const HeldOutError& error);
 /// The same by kind of light.
-nlohmann::ordered_json held_out_figures(const std::vector<HeldOutError>& errors);
+Json held_out_figures(const std::vector<HeldOutError>& errors);
 
 /// The same as a table, with the spread over images.
 void print_errors(const std::vector<HeldOutError>& errors);

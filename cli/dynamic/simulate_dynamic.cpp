@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -17,6 +16,7 @@
 #include "cli/verbs.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"
 #include "core/base/rng.h"
@@ -30,8 +30,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct DynamicArguments {
   fs::path scene, output;
   dynamic::TransportOptions transport;
@@ -145,7 +143,7 @@ std::optional<double> write_frames(PreparedScene& scene, const DynamicArguments&
   return frames.factor();
 }
 
-void print(const ordered_json& figures) {
+void print(const Json& figures) {
   for (const auto& object : figures["objects"])
     std::printf("%-12s %6d vertices, %3d terms (error %.3f)\n", object["name"].get<std::string>().c_str(),
                 object["vertices"].get<int>(), object["terms"].get<int>(),
@@ -167,7 +165,7 @@ void simulate_dynamic(DynamicArguments arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   PreparedScene scene(dynamic::read_dynamic_scene(arguments.scene, run_context()), arguments.transport,
                       run_context());
-  ordered_json figures{{"objects", ordered_json::array()}};
+  Json figures{{"objects", Json::array()}};
   for (std::size_t o = 0; o < scene.transport().size(); ++o) {
     const dynamic::ObjectTransport& transport = scene.transport()[o];
     figures["objects"].push_back({{"name", scene.scene().objects[o].name},

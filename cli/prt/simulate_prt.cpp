@@ -4,7 +4,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 
@@ -12,7 +11,7 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/packed_field.h"
 #include "relight/pack/pack.h"
@@ -24,8 +23,6 @@ namespace refield::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::ordered_json;
-
 struct PrtArguments {
   fs::path scene, output;
   std::string method = "clusters", mode = "refined";
@@ -57,10 +54,10 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
       prt::read_scene(arguments.scene, run_context(), glossy ? prt::Gloss::lobes : prt::Gloss::diffuse);
   prt::sort_vertices(scene);
   FieldRows rows = precomputed(scene, arguments);
-  auto figures = ordered_json::parse(rows.outline.provenance);
-  ordered_json provenance{{"program", "refield " REFIELD_VERSION},
-                          {"scene", arguments.scene.filename().string()},
-                          {"method", arguments.method}};
+  auto figures = json_from_text(rows.outline.provenance);
+  Json provenance{{"program", "refield " REFIELD_VERSION},
+                  {"scene", arguments.scene.filename().string()},
+                  {"method", arguments.method}};
   provenance.update(figures);
   rows.outline.provenance = json_text(provenance);
   if (rows.outline.mesh) rows.outline.mesh->camera = scene.camera;

@@ -80,8 +80,8 @@ void print_seen(const std::vector<SeenShare>& seen) {
               100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
 }
 
-nlohmann::ordered_json seen_figures(const std::vector<SeenShare>& seen) {
-  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+Json seen_figures(const std::vector<SeenShare>& seen) {
+  Json list = Json::array();
   for (const SeenShare& one : seen)
     list.push_back({{"light", one.light},
                     {"share_of_directions", one.share.sphere},

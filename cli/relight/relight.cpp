@@ -69,7 +69,7 @@ void report(const RelightOptions& options, LightSeries& series, const std::vecto
   warn_of_clipping(made.clipped);
   warn_of_unobserved_light(made.interpolated_light, made.unobserved_light);
   if (common.json) {
-    nlohmann::ordered_json figures{{is_video ? "videos" : "images", files}};
+    Json figures{{is_video ? "videos" : "images", files}};
     if (!made.exposures.empty()) figures["exposures"] = made.exposures;
     if (made.interpolated_light > 0.0) figures["interpolated_light"] = made.interpolated_light;
     if (made.unobserved_light > 0.0) figures["unobserved_light"] = made.unobserved_light;

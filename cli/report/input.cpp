@@ -2,7 +2,6 @@
 #include "cli/report/input.h"
 
 #include <sys/resource.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <set>
@@ -11,7 +10,7 @@
 #include "cli/report/page.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -150,7 +149,7 @@ void load_truth(ReportInput& input, const fs::path& scratch, const RunContext& r
 }  // namespace
 
 std::optional<EstimateOptions> options_from_provenance(const std::string& provenance) {
-  const auto json = nlohmann::json::parse(provenance, nullptr, false);
+  const auto json = json_if_valid(provenance);
   if (!json.is_object()) return std::nullopt;
   const auto& options = json.contains("options") && json["options"].is_object() ? json["options"] : json;
   if (!options.contains("mode") || !options["mode"].is_string() || !options.contains("kernels") ||
@@ -193,14 +192,14 @@ namespace fs = std::filesystem;
 namespace {
 
 template <class T>
-std::optional<T> number(const nlohmann::ordered_json& json, const char* key) {
+std::optional<T> number(const Json& json, const char* key) {
   const auto found = json.find(key);
   if (found == json.end() || !found->is_number()) return std::nullopt;
   return found->get<T>();
 }
 
 /// "estimated_memory_bytes": 457278272 reads "estimated memory 457 MB".
-std::string detail(std::string key, const nlohmann::ordered_json& value) {
+std::string detail(std::string key, const Json& value) {
   static constexpr std::string_view bytes = "_bytes";
   const bool in_bytes = value.is_number() && key.ends_with(bytes);
   if (in_bytes) key.resize(key.size() - bytes.size());
@@ -219,20 +218,19 @@ fs::path run_log_path(const fs::path& made) {
   return path += ".log.json";
 }
 
-void write_run_log(const fs::path& made, const std::string& stage, double seconds,
-                   const nlohmann::ordered_json& details) {
+void write_run_log(const fs::path& made, const std::string& stage, double seconds, const Json& details) {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
-  nlohmann::ordered_json log = {{"stage", stage},
-                                {"seconds", seconds},
-                                {"peak_memory_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024}};
+  Json log = {{"stage", stage},
+              {"seconds", seconds},
+              {"peak_memory_bytes", static_cast<std::uint64_t>(usage.ru_maxrss) * 1024}};
   log.update(details);
   write_text_atomically(run_log_path(made), json_text(log, 2) + "\n");
 }
 
 std::optional<RunLog> read_run_log(const fs::path& path) {
   if (!fs::is_regular_file(path)) return std::nullopt;
-  const auto json = nlohmann::ordered_json::parse(read_text(path), nullptr, false);
+  const auto json = json_if_valid(read_text(path));
   if (!json.is_object() || !json.contains("stage") || !json["stage"].is_string())
     throw FormatError(path, "is not the log of a run; remove it or run that stage again");
   RunLog log;

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
-
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"
@@ -73,7 +72,7 @@ std::filesystem::path run_log_path(const std::filesystem::path& made);
 /// Writes the log of a run that made `made`, with the most memory that this process has held, then `details`
 /// (an object).
 void write_run_log(const std::filesystem::path& made, const std::string& stage, double seconds,
-                   const nlohmann::ordered_json& details);
+                   const Json& details);
 
 /// Reads a run log: a JSON object of stage, seconds, peak_memory_bytes, threads and more. nullopt when there
 /// is none. Throws FormatError when it is no such object.

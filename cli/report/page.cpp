@@ -6,10 +6,9 @@
 #include <charconv>
 #include <cmath>
 #include <limits>
-#include <nlohmann/json.hpp>
 
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/image/false_colour.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
@@ -20,7 +19,7 @@ namespace page_template {
 extern const std::string_view before_data, after_data;  // made from page.html and what it holds by CMake
 }
 
-std::string page_html(const nlohmann::ordered_json& data) {
+std::string page_html(const Json& data) {
   std::string text = json_text(data);
   // Text in the data must not end the script that holds them.
   for (auto at = text.find('<'); at != std::string::npos; at = text.find('<', at))
@@ -149,8 +148,8 @@ Image false_coloured(const Image& map, double high, const Mask& mask) {
   return coloured;
 }
 
-nlohmann::ordered_json false_colours_json() {
-  nlohmann::ordered_json colours;
+Json false_colours_json() {
+  Json colours;
   for (const auto& [red, green, blue] : false_colour_stops) {
     const auto byte = [](float value) { return std::to_string(std::lround(255.0f * value)); };
     colours.push_back("rgb(" + byte(red) + "," + byte(green) + "," + byte(blue) + ")");
@@ -158,7 +157,7 @@ nlohmann::ordered_json false_colours_json() {
   return colours;
 }
 
-nlohmann::ordered_json picture_json(const Image& image, double exposure) {
+Json picture_json(const Image& image, double exposure) {
   return {{"width", image.width},
           {"height", image.height},
           {"png", "data:image/png;base64," + base64(encode_png(image, {exposure}))}};

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
-
 #include <cstdint>
 #include <span>
 #include <string>
 
+#include "core/base/json.h"
 #include "core/image/image.h"
 #include "core/image/metrics.h"
 
@@ -15,7 +14,7 @@ namespace refield::report {
 /// A page that draws `data`: one file, nothing loaded from elsewhere. data["page"] names what draws it,
 /// "report" (cli/report/report.js) or "calibration" (calibration.js); data["command"] is what the page says
 /// made it. Follows the reader's light or dark scheme and prints on white.
-std::string page_html(const nlohmann::ordered_json& data);
+std::string page_html(const Json& data);
 
 /// RFC 4648, with padding.
 std::string base64(std::span<const std::uint8_t> bytes);
@@ -51,9 +50,9 @@ Image error_magnitude(const Image& predicted, const Image& reference);
 Image false_coloured(const Image& map, double high, const Mask& mask);
 
 /// Those colours from 0 to high, evenly spaced, as CSS.
-nlohmann::ordered_json false_colours_json();
+Json false_colours_json();
 
 /// Width, height and the picture as a data: address.
-nlohmann::ordered_json picture_json(const Image& image, double exposure);
+Json picture_json(const Image& image, double exposure);
 
 }  // namespace refield::report

@@ -2,7 +2,6 @@
 #include "cli/report/report.h"
 
 #include <stdlib.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cerrno>
@@ -16,6 +15,7 @@
 #include "cli/report/request.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "core/image/image_io.h"
@@ -122,8 +122,6 @@ std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std
 
 namespace {
 
-using Json = nlohmann::ordered_json;
-
 std::string name_of_kind(const HeldOutError& error) {
   return error.kind.empty() ? "all" : error.kind;
 }
@@ -202,8 +200,6 @@ Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& fig
 }
 
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 constexpr int max_kernel_width = 160;
 
@@ -578,7 +574,7 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
 }
 
 /// The check of a capture as it lies on disk; null where photographs are too few to estimate from.
-nlohmann::ordered_json check_of(const CaptureSession& capture, const RunContext& run) try {
+Json check_of(const CaptureSession& capture, const RunContext& run) try {
   RunContext quiet = run;
   quiet.on_note = {};  // the page says it
   EstimateJob job = open_job(capture, {}, quiet);
@@ -590,7 +586,7 @@ nlohmann::ordered_json check_of(const CaptureSession& capture, const RunContext&
 
 }  // namespace
 
-nlohmann::ordered_json write_report(const ReportRequest& request, const RunContext& run) {
+Json write_report(const ReportRequest& request, const RunContext& run) {
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
   const ScratchFolder scratch;
   const ReportInput input =

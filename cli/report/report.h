@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
-
 #include <array>
 #include <filesystem>
 #include <string>
@@ -10,6 +8,7 @@
 
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/session/capture_session.h"
 #include "estimate/estimate.h"
@@ -42,19 +41,17 @@ std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std
 
 /// The page's figures for machines. Errors are relative RMSE, fractions; numbers that are not finite become
 /// null.
-nlohmann::ordered_json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
-                                    const std::vector<ChosenPixel>& pixels);
+Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
+                  const std::vector<ChosenPixel>& pixels);
 
 /// What the page of a report draws (cli/report/report.js): `figures` (figures_json()), to which pictures,
 /// kernels, maps and the logs of stages are added. `check` is check_json() of the capture, or null.
-nlohmann::ordered_json page_data(const ReportInput& input, const std::vector<FieldFigures>& evaluated,
-                                 const KernelStudy& study, const std::vector<RunLog>& logs,
-                                 nlohmann::ordered_json figures, nlohmann::ordered_json check,
-                                 const RunContext& run);
+Json page_data(const ReportInput& input, const std::vector<FieldFigures>& evaluated, const KernelStudy& study,
+               const std::vector<RunLog>& logs, Json figures, Json check, const RunContext& run);
 
 /// What a check of the photographs finds (estimate/rig/verdict.h): verdict, path of the camera, gains, colour
 /// mixing, residual of each photograph.
-nlohmann::ordered_json check_json(const FrameReport& found, int photographs);
+Json check_json(const FrameReport& found, int photographs);
 
 /// A folder of its own among the system's temporary files, removed with all it holds at the end of its life.
 class ScratchFolder {

@@ -3,7 +3,6 @@
 
 #include <zlib.h>
 #include <Eigen/Core>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -20,7 +19,7 @@
 #include "cli/report/page.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
@@ -239,7 +238,7 @@ class DataWriter {
   void add(const char* name, const std::vector<T>& values, const RunContext& run,
            const char* kind = nullptr) {
     const std::string bytes = shuffled(values, run);
-    nlohmann::ordered_json parts = nlohmann::ordered_json::array();
+    Json parts = Json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
       const std::string file = formatted("data-%03zu.js", count_++);
       page_.write(file,
@@ -260,12 +259,12 @@ class DataWriter {
     add(name, bits, run, "half");
   }
 
-  const nlohmann::ordered_json& arrays() const { return arrays_; }
+  const Json& arrays() const { return arrays_; }
 
  private:
   PageWriter& page_;
   std::size_t count_ = 0;
-  nlohmann::ordered_json arrays_;
+  Json arrays_;
 };
 
 std::vector<std::uint16_t> corners_of(const std::vector<Box>& boxes) {
@@ -307,12 +306,12 @@ void measure(const LightDomain& domain, const Relit& full, const Relit& shown, E
 
 /// Where the one window of a monitor is seen: the direction of its top left corner, and what its width and
 /// its height add to that. Null where the page must not show panoramas through it.
-nlohmann::ordered_json window_of(const ReflectanceField& field) {
+Json window_of(const ReflectanceField& field) {
   if (field.basis.domain.parameterisation != Parameterisation::monitor || field.monitors.size() != 1)
     return nullptr;
   const MonitorPlacement& monitor = field.monitors.front();
   const Eigen::Vector3d corner = screen_direction(monitor, 0.0, 0.0);
-  nlohmann::ordered_json window;
+  Json window;
   for (const Eigen::Vector3d& vector : {corner, Eigen::Vector3d(screen_direction(monitor, 1.0, 0.0) - corner),
                                         Eigen::Vector3d(screen_direction(monitor, 0.0, 1.0) - corner)})
     window.push_back({vector.x(), vector.y(), vector.z()});
@@ -320,8 +319,7 @@ nlohmann::ordered_json window_of(const ReflectanceField& field) {
 }
 
 /// Adds a map as half floats, brightest sample 65504, and describes it.
-nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWriter& data,
-                               const RunContext& run) {
+Json add_map(const PageMap& map, std::size_t number, DataWriter& data, const RunContext& run) {
   const float peak = std::max(*std::ranges::max_element(map.radiance.values), 1e-30f);
   const float scale = peak / 65504.0f;
   std::vector<float> scaled(map.radiance.values.size());
@@ -335,20 +333,20 @@ nlohmann::ordered_json add_map(const PageMap& map, std::size_t number, DataWrite
           {"array", array}};
 }
 
-nlohmann::ordered_json interpolation_of(const LightInterpolation& of) {
-  nlohmann::ordered_json interpolation{{"length", of.length},
-                                       {"fineShare", of.fine_share},
-                                       {"fineLength", of.fine_length},
-                                       {"reach", of.reach},
-                                       {"sources", nlohmann::ordered_json::array()}};
+Json interpolation_of(const LightInterpolation& of) {
+  Json interpolation{{"length", of.length},
+                     {"fineShare", of.fine_share},
+                     {"fineLength", of.fine_length},
+                     {"reach", of.reach},
+                     {"sources", Json::array()}};
   for (const Box& box : of.sources)
     interpolation["sources"].push_back(std::array{box.x0, box.y0, box.x1, box.y1});
   return interpolation;
 }
 
 /// Adds the field and describes it.
-nlohmann::ordered_json add_field(const ReflectanceField& field, const std::string& title, DataWriter& data,
-                                 ExportReport& report, const RunContext& run) {
+Json add_field(const ReflectanceField& field, const std::string& title, DataWriter& data,
+               ExportReport& report, const RunContext& run) {
   const PackedField packed = pack(field, run);
   const auto full = [&](const LightMap& light) { return field.relight(light); };
   ReflectanceField shown = unpacked(packed, run);
@@ -361,17 +359,17 @@ nlohmann::ordered_json add_field(const ReflectanceField& field, const std::strin
   data.add("boxes", corners_of(packed.basis.boxes), run);
   const LightDomain& light = field.basis.domain;
   const HatGrid& hats = packed.basis.hats;
-  nlohmann::ordered_json described{{"title", title},
-                                   {"width", packed.width},
-                                   {"height", packed.height},
-                                   {"light",
-                                    {{"width", light.width},
-                                     {"height", light.height},
-                                     {"parameterisation", std::string(name_of(light.parameterisation))},
-                                     {"window", window_of(field)}}},
-                                   {"hats", {{"columns", hats.columns}, {"rows", hats.rows}}},
-                                   {"exposure", report.exposure},
-                                   {"exponent_offset", packed.exponent.offset}};
+  Json described{{"title", title},
+                 {"width", packed.width},
+                 {"height", packed.height},
+                 {"light",
+                  {{"width", light.width},
+                   {"height", light.height},
+                   {"parameterisation", std::string(name_of(light.parameterisation))},
+                   {"window", window_of(field)}}},
+                 {"hats", {{"columns", hats.columns}, {"rows", hats.rows}}},
+                 {"exposure", report.exposure},
+                 {"exponent_offset", packed.exponent.offset}};
   if (field.mixes_colours())
     for (const auto& row : field.output_from_primaries.rowwise())
       for (const float entry : row) described["mixing"].push_back(entry);
@@ -388,7 +386,7 @@ ExportReport export_page(const ReflectanceField& field, const std::string& title
   PageWriter page(folder);
   DataWriter data(page);
   auto described = add_field(field, title, data, report, run);
-  described["maps"] = nlohmann::ordered_json::array();
+  described["maps"] = Json::array();
   for (std::size_t i = 0; i < maps.size(); ++i) described["maps"].push_back(add_map(maps[i], i, data, run));
   described["arrays"] = data.arrays();
   page.write("data.js", "refield.describe(" + json_text(described) + ");\n", run);

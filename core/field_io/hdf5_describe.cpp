@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/base/json.h"
 #include "core/field_io/hdf5_reader.h"
 
 #include <hdf5.h>
@@ -6,7 +7,6 @@
 #include <array>
 #include <cstring>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -14,8 +14,6 @@
 namespace refield {
 
 namespace {
-
-using Json = nlohmann::json;
 
 constexpr const char* crc_name = "crc32";
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/hdf5_reader.h"
+#include "core/base/json.h"
 
 #include <tbb/parallel_for.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -15,8 +15,6 @@
 #include "core/field_io/hdf5_writer.h"
 
 namespace refield {
-
-using Json = nlohmann::json;
 
 std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
                                              std::span<const char* const> data_sets, const RunContext& run) {

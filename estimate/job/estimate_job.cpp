@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/job/estimate_job.h"
 
-#include <nlohmann/json.hpp>
-
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -11,7 +9,7 @@
 #include <string_view>
 
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/light/cube_map.h"
 #include "estimate/job/estimate_band.h"
 
@@ -115,13 +113,13 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Everything but the input files that the result depends on.
-nlohmann::ordered_json options_of(const EstimateOptions& options) {
-  nlohmann::ordered_json description = {{"program", "refield"},
-                                        {"version", REFIELD_VERSION},
-                                        {"mode", name_of(options.mode)},
-                                        {"kernels", options.kernels},
-                                        {"spatial_passes", options.spatial_passes},
-                                        {"predict_errors", options.predict_errors}};
+Json options_of(const EstimateOptions& options) {
+  Json description = {{"program", "refield"},
+                      {"version", REFIELD_VERSION},
+                      {"mode", name_of(options.mode)},
+                      {"kernels", options.kernels},
+                      {"spatial_passes", options.spatial_passes},
+                      {"predict_errors", options.predict_errors}};
   if (std::isfinite(options.clip_level)) description["clip_level"] = options.clip_level;
   return description;
 }
@@ -244,7 +242,7 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
 }
 
 std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
-  nlohmann::ordered_json key = options_of(options);
+  Json key = options_of(options);
   std::uint64_t hash = 0xcbf29ce484222325ull;
   const auto files = journal_files(job.session);
   for (const fs::path& path : inputs_of(job)) {
@@ -263,20 +261,20 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
   if (const auto& colour = job.session.colour)
     key["rec709_from_camera"] =
         std::vector<double>(colour->rec709_from_camera.data(), colour->rec709_from_camera.data() + 9);
-  if (!job.rig.is_identity()) key["rig"] = nlohmann::json::parse(rig_text(job.rig));
+  if (!job.rig.is_identity()) key["rig"] = json_from_text(rig_text(job.rig));
   key["inputs"] = inputs_of(job).size();
   key["digest"] = text;
   return json_text(key);
 }
 
 std::string provenance_of(const EstimateJob& job, const EstimateOptions& options) {
-  nlohmann::ordered_json provenance = {{"made_by", "refield estimate"},
-                                       {"version", REFIELD_VERSION},
-                                       {"method", "Matusik, Loper and Pfister 2004"},
-                                       {"mode", name_of(options.mode)},
-                                       {"kernels", options.kernels},
-                                       {"spatial_passes", options.spatial_passes},
-                                       {"images", job.frames.size()}};
+  Json provenance = {{"made_by", "refield estimate"},
+                     {"version", REFIELD_VERSION},
+                     {"method", "Matusik, Loper and Pfister 2004"},
+                     {"mode", name_of(options.mode)},
+                     {"kernels", options.kernels},
+                     {"spatial_passes", options.spatial_passes},
+                     {"images", job.frames.size()}};
   if (std::isfinite(options.clip_level)) provenance["clip_level"] = options.clip_level;
   if (job.refinement) provenance["refined_from_images"] = job.refinement->known_images();
   if (!job.session.folder.empty()) provenance["session"] = job.session.folder.filename().string();
@@ -291,7 +289,7 @@ std::string provenance_of(const EstimateJob& job, const EstimateOptions& options
     provenance["drift_removed"] = {{"reference_frames", job.references.size()},
                                    {"largest_change", job.drift.largest}};
   for (const std::string& name : job.left_out) provenance["left_out"].push_back(name);
-  if (!job.rig.is_identity()) provenance["rig"] = nlohmann::json::parse(rig_text(job.rig));
+  if (!job.rig.is_identity()) provenance["rig"] = json_from_text(rig_text(job.rig));
   return json_text(provenance);
 }
 

@@ -2,11 +2,11 @@
 #include "estimate/job/refinement.h"
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/field_io/reflectance_field_file.h"
 
 namespace refield {
@@ -15,7 +15,7 @@ namespace {
 
 /// Names of the frames that a field was made from.
 std::set<std::string> frames_of(const ReflectanceField& field, const std::filesystem::path& path) {
-  const auto provenance = nlohmann::json::parse(field.provenance, nullptr, false);
+  const auto provenance = json_if_valid(field.provenance);
   std::set<std::string> names;
   if (provenance.is_object() && provenance.contains("frames") && provenance["frames"].is_array())
     for (const auto& name : provenance["frames"])

@@ -7,14 +7,13 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <span>
 #include <stdexcept>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/light/light_pattern.h"
 
@@ -303,8 +302,8 @@ void leave_out(EstimateJob& job, const FrameReport& report, const EstimateOption
   require_enough_frames(job, options);
 }
 
-nlohmann::json json_of(const std::vector<LeftOutFrame>& frames) {
-  auto list = nlohmann::json::array();
+Json json_of(const std::vector<LeftOutFrame>& frames) {
+  auto list = Json::array();
   for (const LeftOutFrame& frame : frames)
     list.push_back({{"name", frame.name},
                     {"why", frame.why},
@@ -319,8 +318,8 @@ nlohmann::json json_of(const std::vector<LeftOutFrame>& frames) {
   return list;
 }
 
-nlohmann::json json_of(const std::vector<RigFinding>& findings) {
-  auto list = nlohmann::json::array();
+Json json_of(const std::vector<RigFinding>& findings) {
+  auto list = Json::array();
   for (const RigFinding& finding : findings)
     list.push_back({{"effect", finding.effect},
                     {"state", static_cast<int>(finding.state)},
@@ -331,7 +330,7 @@ nlohmann::json json_of(const std::vector<RigFinding>& findings) {
   return list;
 }
 
-std::vector<RigFinding> findings_from(const nlohmann::json& list) {
+std::vector<RigFinding> findings_from(const Json& list) {
   std::vector<RigFinding> findings;
   for (const auto& entry : list)
     findings.push_back({entry.at("effect"), static_cast<RigFinding::State>(entry.at("state").get<int>()),
@@ -340,8 +339,7 @@ std::vector<RigFinding> findings_from(const nlohmann::json& list) {
   return findings;
 }
 
-std::vector<LeftOutFrame> frames_from(const nlohmann::json& list,
-                                      std::span<const CaptureFrame> frames_there) {
+std::vector<LeftOutFrame> frames_from(const Json& list, std::span<const CaptureFrame> frames_there) {
   std::vector<LeftOutFrame> frames;
   for (const auto& entry : list) {
     OutlierFrame found;
@@ -371,7 +369,7 @@ struct FrameCheck {
 std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, const EstimateJob& job,
                                            const std::string& key) try {
   if (!std::filesystem::exists(file)) return std::nullopt;
-  const auto json = nlohmann::json::parse(read_text(file));
+  const auto json = json_from_text(read_text(file));
   if (json.at("job") != key) return std::nullopt;
   FrameCheck check;
   check.report.rig.model = rig_from_text(json_text(json.at("rig")), file.string());
@@ -394,7 +392,7 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   const bool fits = weights == 0 || weights + check.report.left_out.size() == frames.size();
   if (!fits || check.noise.log_level.size() != check.noise.log_variance.size()) return std::nullopt;
   return check;
-} catch (const nlohmann::json::exception&) {
+} catch (const Json::exception&) {
   return std::nullopt;
 } catch (const std::out_of_range&) {
   return std::nullopt;
@@ -441,33 +439,33 @@ FrameReport check_frames(EstimateJob& job, const EstimateOptions& options, const
 
 std::string frame_check_key(const EstimateJob& job, const EstimateOptions& options) {
   // The gains are what the order of frames, which is no content of a file, does to the photographs.
-  auto gains = nlohmann::json::array();
+  auto gains = Json::array();
   if (job.drift.significant)
     for (const CaptureFrame& frame : job.frames) gains.push_back(frame.gain);
-  return job_key(job, options) + json_text(nlohmann::json{{"keep_outliers", options.keep_outliers},
-                                                          {"keep_drift", options.keep_drift},
-                                                          {"keep_rig", options.keep_rig},
-                                                          {"rig", options.rig ? rig_text(*options.rig) : ""},
-                                                          {"gains", gains}});
+  return job_key(job, options) + json_text(Json{{"keep_outliers", options.keep_outliers},
+                                                {"keep_drift", options.keep_drift},
+                                                {"keep_rig", options.keep_rig},
+                                                {"rig", options.rig ? rig_text(*options.rig) : ""},
+                                                {"gains", gains}});
 }
 
 std::string frame_check_text(const EstimateJob& job, const FrameReport& report, const std::string& key) {
   // Numbers are written with all digits that they need to be read back to the bit.
-  const nlohmann::ordered_json json = {{"job", key},
-                                       {"rig", nlohmann::json::parse(rig_text(report.rig.model))},
-                                       {"rig_findings", json_of(report.rig.findings)},
-                                       {"left_out", json_of(report.left_out)},
-                                       {"doubtful", json_of(report.doubtful)},
-                                       {"typical_residual", report.typical_residual},
-                                       {"clipped_share", report.clipped_share},
-                                       {"relative_noise", report.noise},
-                                       {"mean_square", job.mean_square},
-                                       {"light_patterns", job.light_patterns},
-                                       {"noise",
-                                        {{"log_level", job.noise.log_level},
-                                         {"log_variance", job.noise.log_variance},
-                                         {"samples_per_image", job.noise.samples_per_image},
-                                         {"image_weights", job.noise.image_weights}}}};
+  const Json json = {{"job", key},
+                     {"rig", json_from_text(rig_text(report.rig.model))},
+                     {"rig_findings", json_of(report.rig.findings)},
+                     {"left_out", json_of(report.left_out)},
+                     {"doubtful", json_of(report.doubtful)},
+                     {"typical_residual", report.typical_residual},
+                     {"clipped_share", report.clipped_share},
+                     {"relative_noise", report.noise},
+                     {"mean_square", job.mean_square},
+                     {"light_patterns", job.light_patterns},
+                     {"noise",
+                      {{"log_level", job.noise.log_level},
+                       {"log_variance", job.noise.log_variance},
+                       {"samples_per_image", job.noise.samples_per_image},
+                       {"image_weights", job.noise.image_weights}}}};
   return json_text(json, 1) + "\n";
 }
 

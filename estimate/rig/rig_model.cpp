@@ -6,11 +6,10 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <nlohmann/json.hpp>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 
 namespace refield {
 
@@ -20,11 +19,11 @@ bool RigModel::is_identity() const {
 }
 
 std::string rig_text(const RigModel& rig) {
-  nlohmann::ordered_json json = {{"photographs", rig.photographs}};
+  Json json = {{"photographs", rig.photographs}};
   if (!rig.light_of.empty()) json["light_of"] = rig.light_of;
   if (!rig.shift_px.empty()) json["shift_px"] = rig.shift_px;
   if (rig.mixes_colours()) {
-    auto rows = nlohmann::json::array();
+    auto rows = Json::array();
     for (int c = 0; c < 3; ++c) rows.push_back({rig.mixing(c, 0), rig.mixing(c, 1), rig.mixing(c, 2)});
     json["mixing"] = rows;
   }
@@ -38,7 +37,7 @@ std::string rig_text(const RigModel& rig) {
 }
 
 RigModel rig_from_text(const std::string& text, const std::string& name) try {
-  const auto json = nlohmann::json::parse(text);
+  const auto json = json_from_text(text);
   RigModel rig;
   json.at("photographs").get_to(rig.photographs);
   const std::size_t images = rig.photographs.size();
@@ -68,7 +67,7 @@ RigModel rig_from_text(const std::string& text, const std::string& name) try {
   if (!(std::abs(rig.mixing.determinant()) > 1e-3) || !(rig.white > 0.0))
     throw InputError(name + ": 'mixing' cannot be inverted, or 'white' is not above 0");
   return rig;
-} catch (const nlohmann::json::exception& error) {
+} catch (const Json::exception& error) {
   throw InputError(name + ": is not a rig model as 'refield estimate' writes it: " + error.what());
 }
 
@@ -155,7 +154,7 @@ std::array<double, 2> shift_at(const RigModel& rig, const std::vector<KnownFrame
 }  // namespace
 
 void correct_held_out(const std::string& provenance, CaptureSession& session) {
-  const auto json = nlohmann::json::parse(provenance, nullptr, false);
+  const auto json = json_if_valid(provenance);
   if (!json.is_object() || !json.contains("rig")) return;
   const RigModel rig = rig_from_text(json_text(json["rig"]), "the field's rig model");
   std::map<std::string, std::size_t> numbers;

@@ -5,10 +5,9 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <nlohmann/json.hpp>
 #include <utility>
 
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "estimate/job/estimate_job.h"
 #include "estimate/quality/frame_check.h"
@@ -160,20 +159,19 @@ CaptureVerdict check_capture(const CaptureSession& session, const EstimateOption
 }
 
 std::string verdict_json(const CaptureVerdict& verdict) {
-  auto rows = nlohmann::ordered_json::array();
+  auto rows = Json::array();
   for (const VerdictRow& row : verdict.rows) {
-    nlohmann::ordered_json entry{
-        {"property", row.property}, {"state", name_of(row.state)}, {"measured", row.measured}};
+    Json entry{{"property", row.property}, {"state", name_of(row.state)}, {"measured", row.measured}};
     if (row.residual_before)
       entry.update({{"residual_before", *row.residual_before}, {"residual_after", *row.residual_after}});
     if (!row.remedy.empty()) entry["remedy"] = row.remedy;
     rows.push_back(std::move(entry));
   }
-  return json_text(nlohmann::ordered_json{{"state", name_of(verdict.state())},
-                                          {"photographs", verdict.photographs},
-                                          {"typical_residual", verdict.typical_residual},
-                                          {"noise", verdict.noise},
-                                          {"properties", rows}});
+  return json_text(Json{{"state", name_of(verdict.state())},
+                        {"photographs", verdict.photographs},
+                        {"typical_residual", verdict.typical_residual},
+                        {"noise", verdict.noise},
+                        {"properties", rows}});
 }
 
 std::string verdict_table(const CaptureVerdict& verdict) {

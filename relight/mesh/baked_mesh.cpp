@@ -7,18 +7,17 @@
 #include <bit>
 #include <cstdint>
 #include <cstring>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "core/base/files.h"
+#include "core/base/json.h"
 
 namespace refield {
 
 namespace {
 
-using nlohmann::ordered_json;
 static_assert(std::endian::native == std::endian::little, "glTF stores the lowest byte first");
 
 constexpr int float_type = 5126, index_type = 5125;         // of accessors
@@ -27,7 +26,7 @@ constexpr int vertex_buffer = 34962, index_buffer = 34963;  // targets of buffer
 /// The buffer of a file and what lies in it.
 struct Buffer {
   std::string bytes;
-  ordered_json views = ordered_json::array(), accessors = ordered_json::array();
+  Json views = Json::array(), accessors = Json::array();
 
   /// The number of the accessor.
   template <class Value>
@@ -83,27 +82,26 @@ void write_baked_mesh(const std::filesystem::path& path, const Mesh& mesh,
   const int normals = buffer.add(turned(mesh.normals), vertices, "VEC3", float_type, vertex_buffer);
   const int colour = buffer.add(colour_values, vertices, "VEC3", float_type, vertex_buffer);
   const int indices = buffer.add(corners, corners.size(), "SCALAR", index_type, index_buffer);
-  const auto list_of = [](ordered_json value) { return ordered_json::array({std::move(value)}); };
-  const ordered_json primitive{
-      {"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"COLOR_0", colour}}},
-      {"indices", indices},
-      {"material", 0}};
-  const ordered_json material{{"name", "baked"},
-                              {"pbrMetallicRoughness", {{"metallicFactor", 0.0}, {"roughnessFactor", 1.0}}},
-                              {"extensions", {{"KHR_materials_unlit", ordered_json::object()}}}};
-  const ordered_json gltf{{"asset", {{"version", "2.0"}, {"generator", "refield"}}},
-                          {"extensionsUsed", list_of("KHR_materials_unlit")},
-                          {"scene", 0},
-                          {"scenes", list_of({{"nodes", list_of(0)}})},
-                          {"nodes", list_of({{"mesh", 0}})},
-                          {"meshes", list_of({{"primitives", list_of(primitive)}})},
-                          {"materials", list_of(material)},
-                          {"accessors", buffer.accessors},
-                          {"bufferViews", buffer.views},
-                          {"buffers", list_of({{"byteLength", buffer.bytes.size()}})}};
+  const auto list_of = [](Json value) { return Json::array({std::move(value)}); };
+  const Json primitive{{"attributes", {{"POSITION", positions}, {"NORMAL", normals}, {"COLOR_0", colour}}},
+                       {"indices", indices},
+                       {"material", 0}};
+  const Json material{{"name", "baked"},
+                      {"pbrMetallicRoughness", {{"metallicFactor", 0.0}, {"roughnessFactor", 1.0}}},
+                      {"extensions", {{"KHR_materials_unlit", Json::object()}}}};
+  const Json gltf{{"asset", {{"version", "2.0"}, {"generator", "refield"}}},
+                  {"extensionsUsed", list_of("KHR_materials_unlit")},
+                  {"scene", 0},
+                  {"scenes", list_of({{"nodes", list_of(0)}})},
+                  {"nodes", list_of({{"mesh", 0}})},
+                  {"meshes", list_of({{"primitives", list_of(primitive)}})},
+                  {"materials", list_of(material)},
+                  {"accessors", buffer.accessors},
+                  {"bufferViews", buffer.views},
+                  {"buffers", list_of({{"byteLength", buffer.bytes.size()}})}};
 
   std::string chunks;
-  append_chunk(chunks, "JSON", gltf.dump(), ' ');
+  append_chunk(chunks, "JSON", json_text(gltf), ' ');
   append_chunk(chunks, "BIN\0", buffer.bytes, '\0');
   std::string file = "glTF";
   append_word(file, 2);

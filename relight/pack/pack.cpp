@@ -4,13 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <unordered_map>
 #include <utility>
 
 #include "core/base/errors.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "relight/tiles/tiled_transfer.h"
 
@@ -29,16 +28,16 @@ void keep_common_boxes(LightBasis& basis, TiledTransfer<Weight>& tiles) {
   basis.boxes = std::move(common);
 }
 
-nlohmann::ordered_json pack_figures(const PackCost& cost, double max_error) {
-  auto by_kind = nlohmann::ordered_json::object();
+Json pack_figures(const PackCost& cost, double max_error) {
+  auto by_kind = Json::object();
   for (const auto& error : cost.errors) by_kind[error.kind] = error.relative_rmse;
   return {{"max_error", max_error},   {"error", cost.worst_error()}, {"error_by_kind_of_light", by_kind},
           {"weight_bits", cost.bits}, {"weights", cost.entries},     {"pruned", cost.pruned}};
 }
 
 /// Says in the packed field what was done to it, beside how it was made.
-std::string with_figures(const std::string& provenance, const nlohmann::ordered_json& figures) {
-  auto origin = nlohmann::ordered_json::parse(provenance, nullptr, false);
+std::string with_figures(const std::string& provenance, const Json& figures) {
+  auto origin = json_if_valid(provenance);
   if (!origin.is_object()) origin = {{"field", provenance}};
   origin["pack"] = figures;
   return json_text(origin);

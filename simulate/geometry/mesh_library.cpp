@@ -17,7 +17,6 @@
 #include <fstream>
 #include <iterator>
 #include <new>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <span>
 #include <sstream>
@@ -25,6 +24,7 @@
 #include <string_view>
 #include <utility>
 
+#include "core/base/json.h"
 #include "simulate/geometry/mesh_import.h"
 
 namespace refield::prt {
@@ -146,8 +146,6 @@ void append_node(const aiScene& scene, const aiNode& node, const aiMatrix4x4& ab
 
 // ---- glTF: the library reads the geometry, since it has the decoder of Draco; the rest is as the JSON says
 
-using Json = nlohmann::json;
-
 /// What stands under a key, or an empty object.
 const Json& child(const Json& object, const char* key) {
   static const Json none = Json::object();
@@ -161,7 +159,7 @@ struct Gltf {
   bool binary = false;
 
   std::string content() const {
-    std::string text = json.dump();
+    std::string text = json_text(json);
     if (!binary) return text;
     text.resize((text.size() + 3) / 4 * 4, ' ');
     std::string bytes = "glTF";
@@ -174,7 +172,7 @@ struct Gltf {
 Gltf parse_gltf(const std::string& bytes, bool binary) {
   if (bytes.empty()) throw MeshFault("the file is empty");
   if (!binary && bytes.starts_with("glTF")) throw MeshFault("it is a GLB file; name it .glb");
-  if (!binary) return {Json::parse(bytes), {}, false};
+  if (!binary) return {json_from_text(bytes), {}, false};
   const auto word = [&](std::size_t at) {
     std::uint32_t number = 0;
     std::memcpy(&number, bytes.data() + at, sizeof number);
@@ -184,7 +182,7 @@ Gltf parse_gltf(const std::string& bytes, bool binary) {
     throw MeshFault("it is no GLB file of version 2");
   if (word(8) != bytes.size() || word(12) > bytes.size() - 20)
     throw MeshFault("its header promises another size; it is cut off or damaged");
-  return {Json::parse(bytes.substr(20, word(12))), bytes.substr(20 + word(12)), true};
+  return {json_from_text(bytes.substr(20, word(12))), bytes.substr(20 + word(12)), true};
 }
 
 /// The library looks for files under names as they stand, and fails on skins without inverse bind matrices.

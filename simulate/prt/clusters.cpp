@@ -3,7 +3,6 @@
 
 #include <tbb/parallel_for.h>
 #include <Eigen/Dense>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
@@ -19,6 +18,7 @@
 #include <utility>
 
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/light/cube_map.h"
@@ -630,21 +630,20 @@ void count(const Clusters& clusters, ClusterStatistics& statistics) {
 }
 
 std::string provenance_of(const ClusterOptions& options, const ClusterStatistics& statistics) {
-  nlohmann::ordered_json provenance = {
-      {"relighting", options.relighting == Relighting::image ? "image" : "geometry"},
-      {"similarity", name_of(options.similarity)},
-      {"resolution", options.resolution},
-      {"samples", options.samples},
-      {"epsilon", options.epsilon},
-      {"bounces", options.bounces},
-      {"clusters", statistics.clusters},
-      {"entries", statistics.entries},
-      {"bytes_as_the_paper_counts", statistics.bytes_of_paper},
-      {"lights", statistics.lights},
-      {"rays", statistics.rays},
-      {"peak_vectors", statistics.peak_vectors}};
+  Json provenance = {{"relighting", options.relighting == Relighting::image ? "image" : "geometry"},
+                     {"similarity", name_of(options.similarity)},
+                     {"resolution", options.resolution},
+                     {"samples", options.samples},
+                     {"epsilon", options.epsilon},
+                     {"bounces", options.bounces},
+                     {"clusters", statistics.clusters},
+                     {"entries", statistics.entries},
+                     {"bytes_as_the_paper_counts", statistics.bytes_of_paper},
+                     {"lights", statistics.lights},
+                     {"rays", statistics.rays},
+                     {"peak_vectors", statistics.peak_vectors}};
   if (options.relighting == Relighting::image) provenance["pixel_samples"] = options.pixel_samples;
-  return provenance.dump();
+  return json_text(provenance);
 }
 
 /// With colours as core/field/mesh.h has them: what a vertex' light is multiplied by.

@@ -3,7 +3,6 @@
 
 #include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -14,6 +13,7 @@
 #include <string>
 
 #include "core/base/errors.h"
+#include "core/base/json.h"
 #include "core/field/transfer_tiles.h"
 #include "core/light/cube_map.h"
 #include "simulate/geometry/place_mesh.h"
@@ -219,13 +219,11 @@ FieldRows harmonic_field(const Scene& scene, const HarmonicOptions& options, con
   HarmonicStatistics statistics;
   FieldRows field =
       harmonic_field(scene, harmonic_transfer(scene, options, statistics, run), options.map_resolution);
-  field.outline.provenance = nlohmann::ordered_json{
-      {"order", options.order},
-      {"window", "none"},
-      {"directions", options.directions},
-      {"radius", options.radius},
-      {"pass_energy",
-       statistics.pass_energy}}.dump();
+  field.outline.provenance = json_text({{"order", options.order},
+                                        {"window", "none"},
+                                        {"directions", options.directions},
+                                        {"radius", options.radius},
+                                        {"pass_energy", statistics.pass_energy}});
   return field;
 }
 

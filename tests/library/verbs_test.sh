@@ -3,7 +3,7 @@
 # verbs_test.sh OBJECT...: the verbs in these object files use the public interface of refield and the named helpers of the
 # command line, and of refield nothing else.
 set -euo pipefail
-helpers='run_context\(\)|expand_globs\(|require_not_an_input\(|report::write_report(\[abi:cxx11\])?\('
+helpers='json_from_text\(|run_context\(\)|expand_globs\(|require_not_an_input\(|report::write_report(\[abi:cxx11\])?\('
 helpers+='|cli::(add_(capture|exposure|fps|placement)_options?|held_out_figures(\[abi:cxx11\])?|non_negative_number|open_capture'
 helpers+='|print_(errors|exposures|json)|read_picture_size|reserve_output|write_json|warn_of_(clipping|unobserved_light))\('
 symbols() { nm --"$1"-only --demangle "${@:2}" | sed -E 's/^[0-9a-f ]*[A-Za-z] //' | grep refield | sort -u; }

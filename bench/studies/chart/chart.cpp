@@ -2,7 +2,6 @@
 #include "bench/studies/chart/chart.h"
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
 #include <tuple>
 
 #include "bench/studies/chart/derived_kinds.h"
@@ -10,7 +9,7 @@
 #include "cli/run_context.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "estimate/estimate.h"
 
 namespace refield::chart {
@@ -24,13 +23,13 @@ constexpr const char* data_record_name = "data.json";
 /// Names the data that rows were measured on, so that rows of other data are never taken over.
 std::string describe(const ChartData& data, const Sources& sources) {
   const auto stamp = [](const fs::path& path) {
-    return nlohmann::ordered_json{{"path", fs::absolute(path).lexically_normal().string()},
-                                  {"bytes", fs::file_size(path)},
-                                  {"modified", fs::last_write_time(path).time_since_epoch().count()}};
+    return Json{{"path", fs::absolute(path).lexically_normal().string()},
+                {"bytes", fs::file_size(path)},
+                {"modified", fs::last_write_time(path).time_since_epoch().count()}};
   };
-  nlohmann::ordered_json description = {{"reference", data.reference_note},
-                                        {"truth", sources.truth.string()},
-                                        {"clip_level", std::to_string(sources.clip_level)}};
+  Json description = {{"reference", data.reference_note},
+                      {"truth", sources.truth.string()},
+                      {"clip_level", std::to_string(sources.clip_level)}};
   if (sources.kinds) description["kinds"] = stamp(*sources.kinds);
   if (data.session.mask) description["mask"] = stamp(*data.session.mask);
   const CaptureSession& test = sources.test ? *sources.test : sources.session;

@@ -7,10 +7,10 @@
 #include <array>
 #include <cmath>
 #include <iterator>
-#include <nlohmann/json.hpp>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
+#include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "simulate/tabletop/surface.h"
@@ -29,7 +29,7 @@ fs::path names_path(fs::path png) {
 
 /// Level → name, from the file beside the picture.
 std::vector<std::pair<int, std::string>> read_names(const fs::path& path) {
-  const auto json = nlohmann::ordered_json::parse(read_text(path), nullptr, false);
+  const auto json = json_if_valid(read_text(path));
   const std::string form = "write an object such as {\"50\": \"diffuse\", \"100\": \"glossy\"}";
   if (!json.is_object()) throw FormatError(path, "is not a JSON object; " + form);
   std::vector<std::pair<int, std::string>> names;
@@ -58,11 +58,11 @@ void write_pixel_kinds(const fs::path& png, const PixelKinds& kinds) {
   Image image(kinds.width, kinds.height, 1);
   for (std::size_t p = 0; p < kinds.labels.size(); ++p)
     image.values[p] = linear_from_srgb(static_cast<float>(kinds.labels[p] * level_of_a_label) / 255.0f);
-  nlohmann::ordered_json names;
+  Json names;
   for (std::size_t k = 0; k < kinds.names.size(); ++k)
     names[std::to_string((k + 1) * level_of_a_label)] = kinds.names[k];
   write_png(png, image);
-  write_text_atomically(names_path(png), names.dump(2) + "\n");
+  write_text_atomically(names_path(png), json_text(names, 2) + "\n");
 }
 
 PixelKinds read_pixel_kinds(const fs::path& png, int width, int height) {

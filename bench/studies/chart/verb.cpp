@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -12,7 +11,7 @@
 #include "bench/studies/studies.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json_text.h"
+#include "core/base/json.h"
 #include "core/base/output_lock.h"
 
 namespace refield::studies {
@@ -57,18 +56,16 @@ chart::Sources open_sources(const ChartArguments& arguments) {
   return sources;
 }
 
-nlohmann::ordered_json json_of(const chart::ChartResult& result, const std::vector<chart::Verdict>& verdicts,
-                               const fs::path& folder) {
-  nlohmann::ordered_json json = {{"folder", folder.string()},
-                                 {"rows", result.rows.size()},
-                                 {"kept_rows", result.kept_rows},
-                                 {"reference", result.reference_note},
-                                 {"pixel_kinds", result.kinds_note}};
-  json["left_out"] = nlohmann::ordered_json::object();
+Json json_of(const chart::ChartResult& result, const std::vector<chart::Verdict>& verdicts,
+             const fs::path& folder) {
+  Json json = {{"folder", folder.string()},
+               {"rows", result.rows.size()},
+               {"kept_rows", result.kept_rows},
+               {"reference", result.reference_note},
+               {"pixel_kinds", result.kinds_note}};
+  json["left_out"] = Json::object();
   for (const auto& [method, reason] : result.left_out) json["left_out"][method] = reason;
-  const auto number = [](double value) {
-    return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
-  };
+  const auto number = [](double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); };
   for (const chart::Verdict& verdict : verdicts)
     json["verdicts"].push_back({{"images", verdict.images},
                                 {"measure", verdict.measure},
