@@ -272,8 +272,10 @@ PictureReport v0_2::relight_to_files(const Field& field, std::span<const Illumin
   return guarded(run, [&] {
     PictureWork work(field, lights, files.size(), options, RelightPrecision::fine, run);
     std::vector<RelightJob> jobs;
+    std::filesystem::path created;
     for (std::size_t i = 0; i < files.size(); ++i) {
-      create_folders(std::filesystem::absolute(files[i]).parent_path());
+      if (const auto folder = std::filesystem::absolute(files[i]).parent_path(); folder != created)
+        create_folders(created = folder);
       jobs.push_back({work.functions[i], files[i]});
     }
     return work.report(relight_to_files(work.pictures(), jobs, {options.exposure, options.is_sequence}, run));

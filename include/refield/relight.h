@@ -92,7 +92,8 @@ struct REFIELD_API SkyOptions {
 };
 
 /// A map of the light from all directions, lat-long (twice as wide as high) or cube (six square faces stacked
-/// vertically). Copies share it. From several threads at a time.
+/// vertically), with the sums that its projection needs, 24 bytes per texel. Copies share it. From several
+/// threads at a time.
 class REFIELD_API Environment {
  public:
   /// Throws InputError for other proportions, and what read_light_map() does; values that state other

@@ -27,10 +27,12 @@ prints 'natural: 0\.'
 run run_context session
 prints 'estimate: done'
 run estimate session scene.rfield
+prints '[0-9] images, training error 0\.'
 run field scene.rfield packed.rfield
 prints 'lit by 16×12 texels'
 [[ $(stat -c %s packed.rfield) -lt $(stat -c %s scene.rfield) ]] || { echo "the packed field is not smaller"; exit 1; }
 run relight scene.rfield light.exr lit.exr sky.exr
-[[ -s lit.exr && -s sky.exr ]] || { echo "no pictures"; exit 1; }
+[[ -s lit.exr && -s sky.exr && -s hour_3.png ]] || { echo "no pictures"; exit 1; }
+prints 'the monitor covers [1-9][0-9]*\.'
 run compare scene.rfield session
 prints 'natural: relative RMSE 0\.0'
