@@ -151,8 +151,8 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   const bool has_colours = raw.imgdata.idata.filters != 0;
   const auto& [of_columns, of_rows] = tags.black_deltas;
   if (tags.has_unknown_delta)
-    throw FormatError(path,
-                      "states black levels (BlackLevelDelta) of an unknown type; develop it to a linear 16-bit TIFF");
+    throw FormatError(
+        path, "states black levels (BlackLevelDelta) of an unknown type; develop it to a linear 16-bit TIFF");
   for (const auto& [deltas, length] :
        {std::pair(&of_columns, frame.width), std::pair(&of_rows, frame.height)})
     if (!deltas->empty() && std::ssize(*deltas) != length)

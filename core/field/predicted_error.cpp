@@ -86,9 +86,10 @@ constexpr int reach_steps = 3;
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
-/// What the regression expects is not used beyond that many times the squared error that the images show:
-/// docs/method/progressive.md, light with few degrees of freedom.
-constexpr double far_beyond = 16.0;
+/// Light with few degrees of freedom (docs/method/progressive.md): rectangles that leave this many times less
+/// squared error than the regression expects are the right ones, and cross-validation, whose fewer lights may
+/// not tell them, does not count. Where it finds max_ratio times the squared error, nothing is predicted.
+constexpr double far_beyond = 16.0, max_ratio = 9.0;
 /// Noise is sought in this quantile of the leave-one-out errors, which by chance are that many standard
 /// deviations lower there.
 constexpr double best_share = 0.05, best_deviations = 1.645;
@@ -330,15 +331,17 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
     for (int x = 0; x < field.width; ++x) {
       const std::size_t p = static_cast<std::size_t>(y) * field.width + x;
       if (!(evidence[p].leave_one_out > 0.0f)) continue;
-      const double steadied = prediction.steadied(x, y);
-      const double excess = steadied * (prediction.ratio(x, y) - 1.0);  // of cross-validation
+      const double steadied = prediction.steadied(x, y), ratio = prediction.ratio(x, y);
+      const double expected = evidence[p].expected;  // NaN of light with many degrees of freedom
+      if (expected > 0.0 && ratio > max_ratio) continue;
+      const bool rectangles_alone = expected >= far_beyond * steadied;
+      const double excess = rectangles_alone ? 0.0 : steadied * (ratio - 1.0);  // of cross-validation
       double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
       const double noise = photographs.of(evidence[p], has_signal ? signal[p] : 1.0f);
       if (has_noise_classes) quality.light_class[p] = light_class_of(noise);
       double misfit = std::max(predicted - noise, 0.0);
-      // Rectangles may predict images that they were chosen without far better than light cells would.
-      if (evidence[p].expected < far_beyond * predicted) {
-        misfit = evidence[p].expected;
+      if (expected < far_beyond * steadied) {
+        misfit = expected;
         predicted = std::max(predicted, misfit);
       }
       quality.predicted_error[p] = static_cast<float>(std::sqrt(predicted));

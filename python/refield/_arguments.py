@@ -129,7 +129,8 @@ def progress_function(progress: Progress) -> Optional[Callable[[str, int, int], 
 
 def floats(array: npt.ArrayLike, name: str) -> Array:
     """float32 as it is; float64 and float16 rounded or widened; uint16 and uint8 such that their largest value is 1."""
-    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):  # type: ignore[no-untyped-call]
+    entries = array if isinstance(array, (list, tuple)) else [array]
+    if any(isinstance(entry, np.ma.MaskedArray) and np.ma.is_masked(entry) for entry in entries):  # type: ignore[no-untyped-call]
         raise InputError(f"{name}: is a masked array, whose mask is not used; mark unmeasured samples by sigma = inf, or "
                          "give array.filled(value)")
     try:

@@ -53,7 +53,8 @@ class Words {
 
 std::string lower_case(std::string_view word) {
   std::string lower(word);
-  std::ranges::transform(lower, lower.begin(), [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  std::ranges::transform(lower, lower.begin(),
+                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   return lower;
 }
 
@@ -656,7 +657,8 @@ class Obj {
   /// ZBrush writes MMRRGGBB (mask and colour) in hexadecimal for each vertex, in comments.
   void read_polypaint(std::string_view digits) {
     constexpr std::size_t length = 8;
-    for (; digits.size() >= length && painted_ < faces_.colours.size(); digits.remove_prefix(length), ++painted_) {
+    for (; digits.size() >= length && painted_ < faces_.colours.size();
+         digits.remove_prefix(length), ++painted_) {
       std::uint32_t value = 0;
       const auto [end, error] = std::from_chars(digits.data(), digits.data() + length, value, 16);
       if (error != std::errc() || end != digits.data() + length) break;
@@ -711,7 +713,7 @@ class Obj {
   Mtl mtl_;
   Faces faces_;
   std::vector<std::string> used_{""};  ///< names of materials, in the order of their use
-  std::size_t painted_ = 0;  ///< vertices
+  std::size_t painted_ = 0;            ///< vertices
   bool is_coloured_ = false, lacks_ = false;
 };
 

@@ -95,6 +95,35 @@ def test_sigma_and_mask(arrays):
     assert np.array_equal(refield.estimate(light, wrong, sigma, mask).relight(light[0]), field.relight(light[0]))
 
 
+@pytest.mark.parametrize("lights,shown,kind", [(30, 1, "rectangles"), (30, 4, "texels"), (60, 1, "texels"), (10, 4, "Gaussians")])
+def test_clean_arrays_of_random_lights_are_not_corrected(lights, shown, kind, caplog):
+    """Sharp pixels that random texels light look as if a tone curve bent the light. Errors are predicted, with the noise."""
+    noise = 0.01
+    random = np.random.default_rng(1)
+    y, x = np.mgrid[:4, :8]
+    transport = np.zeros((256, 4, 8))
+    for pixel in transport:
+        if kind == "texels":
+            pixel.ravel()[random.choice(32, 2, replace=False)] = 0.2 + random.random(2)
+        elif kind == "rectangles":
+            x0, y0 = random.integers(0, 7), random.integers(0, 3)
+            pixel[y0:random.integers(y0 + 1, 5), x0:random.integers(x0 + 1, 9)] = 0.2 + random.random()
+        else:
+            pixel[:] = np.exp(-((x + 0.5 - 8 * random.random()) ** 2 + (y + 0.5 - 4 * random.random()) ** 2) / (2 * (0.6 + 2 * random.random()) ** 2))
+    light = np.tile(random.random((lights, 4, 8, 3), np.float32), (shown, 1, 1, 1))
+    clean = np.einsum("nhwc,phw->npc", light, transport)
+    scale = np.sqrt((clean**2).mean((0, 2)))
+    observed = clean + noise * scale[:, None] * random.standard_normal(clean.shape)
+    with caplog.at_level(logging.WARNING, "refield"):
+        field = refield.estimate(light, observed.reshape(-1, 16, 16, 3))
+    assert "rig" not in caplog.text
+    held_out = random.random((40, 4, 8, 3), np.float32)
+    error = field.relight(held_out).reshape(40, 256, 3) - np.einsum("nhwc,phw->npc", held_out, transport)
+    with_noise = np.sqrt((error**2).mean((0, 2)) / scale**2 + noise**2)
+    assert np.median(with_noise) < 3 * noise
+    assert 0.8 < np.nanmedian(field.predicted_error.ravel() / with_noise) < (1.25 if lights > 10 else 1.5)
+
+
 def test_types_and_strides(arrays):
     light, observed = arrays
 
@@ -268,6 +297,7 @@ WRONG_CALLS = {
     "predict_errors is 'no'": lambda a: refield.estimate(a.light, a.observed, predict_errors="no"),
     "memory is None": lambda a: refield.estimate(a.light, a.observed, memory=None),
     "masked array": lambda a: refield.estimate(a.light, np.ma.masked_greater(a.observed, 0.1)),
+    "is a masked array": lambda a: refield.estimate(a.light, [np.ma.masked_greater(image, 0.1) for image in a.observed]),
     "observed: is no array": lambda a: refield.estimate(a.light, [a.observed[0], a.observed[1][:3]]),
     "observed: has the shape 0×18": lambda a: refield.estimate(a.light[:0], a.observed[:0]),
     "at most 1048576 images": lambda a: refield.estimate(np.broadcast_to(np.float32(1), (2**28, 4, 4, 3)), a.observed),
