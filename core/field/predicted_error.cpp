@@ -86,7 +86,7 @@ constexpr int reach_steps = 3;
 constexpr double spread_log_error = 1.4;
 /// Part of the way from leave-one-out to cross-validation.
 constexpr double share_of_cross_validation = 0.5;
-/// Light with few degrees of freedom (docs/method/progressive.md): rectangles that leave this many times less
+/// Light with few degrees of freedom (docs/method/progressive.md): rectangles that leave 16 times less
 /// squared error than the regression expects are the right ones, and cross-validation, whose fewer lights may
 /// not tell them, does not count. Where it finds max_ratio times the squared error, nothing is predicted.
 constexpr double far_beyond = 16.0, max_ratio = 9.0;
