@@ -17,11 +17,13 @@
 namespace refield {
 
 /// What the rig did to a frame besides B = T L (estimate/rig/rig_model.h), for readers of training frames to
-/// undo: photograph = gain · mixing · (B + room · room_colour · its mean picture), moved by shift_px.
+/// undo: photograph = gain · mixing · (B + room · room picture), moved by shift_px.
 struct FrameCorrection {
   std::array<double, 2> shift_px{};  ///< of the picture, to the right and down, against the first photograph
   std::array<float, 3> gain{1.0f, 1.0f, 1.0f};  ///< of each channel, on top of CaptureFrame::gain
-  std::array<float, 3> room{};  ///< room light, as a share of the mean photograph, per primary
+  float room = 0.0f;                            ///< room light, as a multiple of a picture of it
+  /// The photograph of the room light; empty: the mean photograph in grey stands for it.
+  std::filesystem::path ambient;
   Eigen::Matrix3f primaries_from_camera = Eigen::Matrix3f::Identity();
   /// The light that was emitted: white · (light / white)^tone of each channel.
   std::array<float, 3> tone{1.0f, 1.0f, 1.0f};

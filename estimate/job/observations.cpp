@@ -88,12 +88,29 @@ Image read_checked_rows(const CaptureFrame& frame, int width, int first_row, int
   return undo_rig(rows, unmeasured, first, first_row, last_row, *frame.correction);
 }
 
-/// Photograph j loses room_j times the grey mean of all photographs.
+/// Rows of the ambient photograph that a frame's correction names, for its primaries.
+Image room_picture(const CaptureFrame& frame, const ObservationBand& band) {
+  CaptureFrame dark = frame;
+  dark.observed = frame.correction->ambient;
+  dark.gain = {1.0f, 1.0f, 1.0f};
+  dark.views.reset();
+  FrameCorrection unmixing;
+  unmixing.height_px = frame.correction->height_px;
+  unmixing.primaries_from_camera = frame.correction->primaries_from_camera;
+  dark.correction = std::make_shared<const FrameCorrection>(unmixing);
+  std::vector<float> squared_noise(static_cast<std::size_t>(band.last_row() - band.first_row()) *
+                                   band.width());
+  return read_checked_rows(dark, band.width(), band.first_row(), band.last_row(),
+                           std::numeric_limits<float>::infinity(), squared_noise);
+}
+
+/// Photograph j loses room_j times the ambient photograph or, without, the grey mean of all photographs.
 void remove_room_light(std::span<const CaptureFrame> frames, ObservationBand& band) {
-  if (std::ranges::none_of(frames, [](const CaptureFrame& frame) {
-        return frame.correction && frame.correction->room != std::array<float, 3>{};
-      }))
-    return;
+  const auto lit = std::ranges::find_if(
+      frames, [](const CaptureFrame& frame) { return frame.correction && frame.correction->room != 0.0f; });
+  if (lit == frames.end()) return;
+  Image ambient;
+  if (!lit->correction->ambient.empty()) ambient = room_picture(*lit, band);
   tbb::parallel_for(band.first_row(), band.last_row(), [&](int y) {
     for (int x = 0; x < band.width(); ++x) {
       double sum = 0.0;
@@ -105,9 +122,12 @@ void remove_room_light(std::span<const CaptureFrame> frames, ObservationBand& ba
             ++count;
           }
       const auto mean = static_cast<float>(count > 0 ? sum / count : 0.0);
-      for (int c = 0; c < 3; ++c)
+      for (int c = 0; c < 3; ++c) {
+        const float shown = ambient.empty() ? mean : ambient.at(x, y - band.first_row(), c);
+        const float room = std::isfinite(shown) ? shown : 0.0f;
         for (int j = 0; j < band.images(); ++j)
-          if (frames[j].correction) band.samples(x, y, c)[j] -= frames[j].correction->room[c] * mean;
+          if (frames[j].correction) band.samples(x, y, c)[j] -= frames[j].correction->room * room;
+      }
     }
   });
 }

@@ -116,6 +116,9 @@ void note_patterns(EstimateJob& job, const RunContext& run) {
   for (std::size_t j = 0; j < patterns.size(); ++j) job.light_patterns[job.frames[j].name] = patterns[j];
 }
 
+/// Fewer photographs predict those under single primaries badly: 13 to 33 of a ball made them outliers.
+constexpr int enough_for_primaries = 60;
+
 /// What the frames are compared by.
 struct FrameEvidence {
   PixelSample sample;
@@ -129,12 +132,17 @@ struct FrameEvidence {
     if (!can_assess) return;
     lights = light_features(job.frames, job.session.light, run);
     search = find_outlier_frames(light_grams(lights), sample, run);
+    if (sample.images >= enough_for_primaries) return;
+    for (const auto& images : primary_images(lights))
+      std::erase_if(search.outliers, [&](const OutlierFrame& outlier) {
+        return std::ranges::find(images, outlier.frame) != images.end();
+      });
   }
 };
 
 /// Corrects the frames for the rig.
 void correct(EstimateJob& job, const RigModel& rig, FrameReport& report) {
-  apply_rig(rig, job.session.height, job.frames);
+  apply_rig(rig, job.session, job.frames);
   for (std::size_t j = 0; j < rig.light_of.size(); ++j)
     if (rig.light_of[j] < 0) job.left_out.push_back(rig.photographs[j]);
   job.session.frames = job.frames;
@@ -178,7 +186,7 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
   EstimateJob paired = job;
   std::optional<FrameEvidence> of_pairs;
   if (!rig.light_of.empty()) {
-    apply_rig(rig, job.session.height, paired.frames);
+    apply_rig(rig, job.session, paired.frames);
     of_pairs.emplace(paired, options, true, run);
   }
   const FrameEvidence& used = of_pairs ? *of_pairs : evidence;
@@ -187,6 +195,10 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
   if (!used.search.too_many) {  // else there is no majority to measure by
     std::vector<char> left_out(paired.frames.size(), 0);
     for (const OutlierFrame& outlier : used.search.outliers) left_out[outlier.frame] = 1;
+    constexpr int min_last_outliers = 3;  // the camera may have moved before them
+    const auto resting = std::find(left_out.rbegin(), left_out.rend(), 0);
+    if (std::distance(left_out.rbegin(), resting) >= min_last_outliers)
+      std::fill(left_out.rbegin(), resting, 0);
     const auto primaries = primary_images(used.lights);
     if (std::ranges::none_of(primaries, &std::vector<int>::empty))
       for (const auto& images : primaries)
@@ -221,7 +233,7 @@ std::optional<double> room_light_in(const EstimateJob& job, const EstimateOption
   dark.views.reset();
   if (dark.correction) {
     FrameCorrection correction = *dark.correction;
-    correction.room = {};
+    correction.room = 0.0f;
     dark.correction = std::make_shared<const FrameCorrection>(correction);
   }
   const std::vector<CaptureFrame> frames{dark};
@@ -375,7 +387,7 @@ std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, co
   check.report.rig.model = rig_from_text(json_text(json.at("rig")), file.string());
   check.report.rig.findings = findings_from(json.at("rig_findings"));
   std::vector<CaptureFrame> frames = job.frames;
-  apply_rig(check.report.rig.model, job.session.height, frames);
+  apply_rig(check.report.rig.model, job.session, frames);
   check.report.left_out = frames_from(json.at("left_out"), frames);
   check.report.doubtful = frames_from(json.at("doubtful"), frames);
   json.at("typical_residual").get_to(check.report.typical_residual);

@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -182,7 +183,7 @@ constexpr double gradient_blur_px = 0.7;
 constexpr double small_step_px = 0.002;
 /// Undisturbed captures show shifts of .005 to .013 pixels per photograph: scatter below explains nothing,
 /// and paths that stay within the other are no motion.
-constexpr double shift_floor_px = 0.005, min_motion_px = 0.03;
+constexpr double shift_floor_px = 0.005, min_motion_px = 0.03, min_turn_px = 0.06;
 /// Undisturbed captures show mixing of up to .005, exponents of .997 to 1.003.
 constexpr double min_mixing = 0.01, max_mixing = 0.8, min_exponent = 0.01;
 /// Mixing on which pixels do not agree is told from there: a light stage shows .02, 30 photographs of the
@@ -208,8 +209,10 @@ constexpr Index own_directions = 8;
 /// Of gains, explained by the lights: mixtures of a light stage's sources show .72 to .91, gains of 1 % and
 /// more -1.6 to -.4.
 constexpr double max_share_of_lights = 0.5;
-/// The same for gains that channels have besides.
-constexpr double min_balance_gain = 0.05, min_balance = 0.0095;
+/// The same for gains that channels have besides. Undisturbed captures of cycles-b and the tabletop show .016
+/// and .002. A white balance that varies by 1 % shows .09 and .0064, and the field gains nothing by its
+/// correction; one of 1.5 % shows .15 and .0088, and the error of the whole picture under bars falls by 17 %.
+constexpr double min_balance_gain = 0.05, min_balance = 0.008;
 /// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
 /// 0.
 /// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
@@ -252,9 +255,17 @@ class RigEstimation {
         predictors_(lights, chosen_) {
     std::vector<CaptureFrame> taking_part;
     for (const int j : chosen_) taking_part.push_back(frames[j]);
+    if (session.ambient) {
+      taking_part.push_back(frames.front());
+      taking_part.back().observed = *session.ambient;
+      taking_part.back().gain = {1.0f, 1.0f, 1.0f};
+      taking_part.back().views.reset();
+    }
+    has_ambient_ = session.ambient.has_value();
     original_ = read_tiles(taking_part, session.width, session.height, mask, clip_level, run);
     images_ = static_cast<Index>(chosen_.size());
     shift_ = MatrixXd::Zero(images_, 2);
+    centre_ = {0.5 * (session.width - 1), 0.5 * (session.height - 1)};
     model_.white = lights.white > 0.0 ? lights.white : 1.0;
     for (const CaptureFrame& frame : frames) model_.photographs.push_back(frame.name);
   }
@@ -281,6 +292,7 @@ class RigEstimation {
       if (brighter) estimate_colour_and_tone();
     }
     if (!(total_criterion() < before_)) forget();
+    look_for_turns();
     return report();
   }
 
@@ -304,7 +316,9 @@ class RigEstimation {
   void choose_way();
   void prepare();
   void scale(Tile& tile) const;
-  void subtract_room(Tile& tile, int x, int y) const;
+  using RoomPicture = std::array<Eigen::VectorXf, 3>;  ///< of each place
+  RoomPicture room_picture(const std::array<MatrixXf, 3>& y);
+  void subtract_room(std::size_t tile, int x, int y);
   MatrixXf series(int channel) const;
   void use_exponents();
   double total_criterion() const;
@@ -313,7 +327,8 @@ class RigEstimation {
   bool estimate_motion(int round);
   bool lose_track();
   bool jumps_far();
-  MatrixXd motion_step(VectorXd& variance) const;
+  MatrixXd motion_step(VectorXd& variance, bool turns = false) const;
+  void look_for_turns();
   bool estimate_colour_and_tone();
   std::optional<Eigen::Matrix3d> measure_mixing() const;
   void estimate_colour();
@@ -321,8 +336,8 @@ class RigEstimation {
   std::array<MatrixXf, 3> relative_residuals() const;
   bool estimate_brightness();
   struct Brightness;
-  Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
-  double mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const;
+  Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const;
+  double mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const;
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
@@ -336,19 +351,23 @@ class RigEstimation {
   const RunContext& run_;
   LightPredictors predictors_;
   Index images_ = 0;
-  std::vector<Tile> original_, current_;  // as photographed, and with the model so far undone
-  std::vector<Place> places_;             // bright pixels, spread over the tiles; channel 0
+  // As photographed, with the ambient photograph last where there is one, and with the model so far undone.
+  std::vector<Tile> original_, current_;
+  bool has_ambient_ = false;
+  double room_scale_ = 1.0;    // multiples of the room picture in one of a picture as bright as the scene
+  std::vector<Place> places_;  // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
   MatrixXd shift_;
   std::optional<Eigen::Matrix3d> measured_mixing_;
-  double doubtful_mixing_ = 0.0;  // its largest entry, where pixels do not agree on it
+  double doubtful_mixing_ = 0.0;      // its largest entry, where pixels do not agree on it
+  Eigen::Vector2d centre_{0.0, 0.0};  // of the picture
   CapturePath path_;
+  CapturePath turn_;  // by how many pixels rotation and scale move the picture's corners
   bool lost_track_ = false;
   double jump_px_ = 0.0;
   int jump_near_ = 0;  // number of a photograph
   RigModel model_;
   double before_ = 0.0;
-  std::vector<RigFinding> findings_;
 };
 
 /// Bright usable pixels, evenly spread.
@@ -423,13 +442,47 @@ void RigEstimation::scale(Tile& tile) const {
   }
 }
 
-void RigEstimation::subtract_room(Tile& tile, int x, int y) const {
+/// The ambient photograph for the primaries of the light. It was taken where the camera stood first.
+Eigen::Vector3f ambient_of(const Tile& original, int x, int y, Index place, const Eigen::Matrix3f& unmix) {
+  return unmix * Eigen::Vector3f(original.at(x, y, 0)[place], original.at(x, y, 1)[place],
+                                 original.at(x, y, 2)[place]);
+}
+
+void RigEstimation::subtract_room(std::size_t t, int x, int y) {
+  Tile& tile = current_[t];
   double sum = 0.0;
   for (int c = 0; c < 3; ++c) sum += std::accumulate(tile.at(x, y, c), tile.at(x, y, c) + images_, 0.0);
-  const double mean = sum / static_cast<double>(3 * images_);
+  Eigen::Vector3f room =
+      Eigen::Vector3f::Constant(static_cast<float>(sum / static_cast<double>(3 * images_)));
+  if (model_.ambient_room)
+    room = ambient_of(original_[t], x, y, images_, model_.mixing.inverse().cast<float>());
   for (int c = 0; c < 3; ++c)
     for (Index i = 0; i < images_; ++i)
-      tile.at(x, y, c)[i] -= static_cast<float>(model_.room[static_cast<std::size_t>(chosen_[i])] * mean);
+      tile.at(x, y, c)[i] -= static_cast<float>(model_.room[static_cast<std::size_t>(chosen_[i])] * room[c]);
+}
+
+/// What the room light shows at the places, as bright as the mean photograph in grey, which stands for it
+/// where there is no ambient photograph or a dark one, which is noise.
+RigEstimation::RoomPicture RigEstimation::room_picture(const std::array<MatrixXf, 3>& y) {
+  constexpr double min_ambient = 0.01;  // of the mean photograph
+  const Eigen::VectorXf grey =
+      (y[0].colwise().mean() + y[1].colwise().mean() + y[2].colwise().mean()).transpose() / 3.0f;
+  RoomPicture picture{grey, grey, grey};
+  model_.ambient_room = false;
+  room_scale_ = 1.0;
+  if (!has_ambient_) return picture;
+  const Eigen::Matrix3f unmix = model_.mixing.inverse().cast<float>();
+  Eigen::Matrix3Xf ambient(3, grey.size());
+  for (Index k = 0; k < grey.size(); ++k) {
+    const Place& place = places_[static_cast<std::size_t>(k)];
+    ambient.col(k) = ambient_of(original_[place.tile], place.x, place.y, images_, unmix);
+  }
+  const double brightness = ambient.norm() / (std::sqrt(3.0f) * grey.norm() + 1e-20f);
+  if (brightness < min_ambient) return picture;
+  model_.ambient_room = true;
+  room_scale_ = 1.0 / brightness;
+  for (int c = 0; c < 3; ++c) picture[c] = static_cast<float>(room_scale_) * ambient.row(c).transpose();
+  return picture;
 }
 
 /// `from` moved back by shift [images × 2].
@@ -456,7 +509,7 @@ void RigEstimation::prepare() {
           g[j] = unmix.row(1).dot(value);
           b[j] = unmix.row(2).dot(value);
         }
-        if (!model_.room.empty()) subtract_room(tile, x, y);
+        if (!model_.room.empty()) subtract_room(t, x, y);
       }
   });
 }
@@ -558,6 +611,17 @@ Tile smoothed(const Tile& tile) {
 struct MotionSamples {
   MatrixXf values, right, down;  ///< [images × samples]
   Eigen::VectorXf weights;       ///< 1 / residual variance
+  Eigen::VectorXf x, y;          ///< place in the picture
+
+  /// Gradients by rotation and scale about a centre, of as many pixels at its corner (0, 0).
+  void turn(const Eigen::Vector2d& centre) {
+    const auto radius = static_cast<float>(centre.norm());
+    const Eigen::VectorXf u = (x.array() - static_cast<float>(centre[0])) / radius,
+                          v = (y.array() - static_cast<float>(centre[1])) / radius;
+    const MatrixXf rotation = down * u.asDiagonal() - right * v.asDiagonal();
+    down = right * u.asDiagonal() + down * v.asDiagonal();
+    right = rotation;
+  }
 };
 
 MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index images,
@@ -578,12 +642,8 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
     }
     all.push_back({place, energy / power});
   });
-  const auto keep_best = [&](std::size_t count) {
-    count = std::min(count, all.size());
-    std::ranges::stable_sort(all, std::greater<>{}, &Scored::score);
-    all.resize(count);
-  };
-  keep_best(3 * pixels_for_motion / 3);
+  std::ranges::stable_sort(all, std::greater<>{}, &Scored::score);
+  all.resize(std::min<std::size_t>(all.size(), pixels_for_motion));
   const auto gather = [&](auto value) {
     MatrixXf values(images, static_cast<Index>(all.size()));
     for (std::size_t k = 0; k < all.size(); ++k) {
@@ -618,13 +678,19 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
   samples.right = MatrixXf(samples.right(Eigen::all, order));
   samples.down = MatrixXf(samples.down(Eigen::all, order));
   samples.weights = Eigen::VectorXf(samples.weights(order));
+  samples.x = samples.y = samples.weights;
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const Place& place = all[static_cast<std::size_t>(order[k])].place;
+    samples.x[static_cast<Index>(k)] = static_cast<float>(tiles[place.tile].x0 + place.x);
+    samples.y[static_cast<Index>(k)] = static_cast<float>(tiles[place.tile].y0 + place.y);
+  }
   return samples;
 }
 
 /// One Gauss-Newton step for the shifts of all photographs: minimises Σ w ‖A (B + d ∘ G)‖² over d, in which
 /// the normal matrix is (AᵀA) ∘ (G W Gᵀ), element by element. [images × 2], mean 0. `variance`: of each
-/// photograph's shift, up to a common factor.
-MatrixXd RigEstimation::motion_step(VectorXd& variance) const {
+/// photograph's shift, up to a common factor. `turns`: of rotation and scale in place of shifts.
+MatrixXd RigEstimation::motion_step(VectorXd& variance, bool turns) const {
   std::vector<Tile> smooth;
   for (const Tile& tile : current_) smooth.push_back(smoothed(tile));
   MatrixXd normal = MatrixXd::Zero(2 * images_, 2 * images_);
@@ -632,7 +698,8 @@ MatrixXd RigEstimation::motion_step(VectorXd& variance) const {
   for (int c = 0; c < 3; ++c) {
     run_.throw_if_stopped();
     const MatrixXf& a = leave_one_out_[c];
-    const MotionSamples samples = motion_samples(smooth, c, images_, a);
+    MotionSamples samples = motion_samples(smooth, c, images_, a);
+    if (turns) samples.turn(centre_);
     const MatrixXf squared = a.transpose() * a;
     const MatrixXf pull = a.transpose() * (a * samples.values);
     const std::array<const MatrixXf*, 2> gradients{&samples.right, &samples.down};
@@ -698,9 +765,8 @@ double structure_agreement(const Tile& tile, const std::vector<std::array<float,
 /// reach: the edges of the stretch's sum agree with those of the first elsewhere, and not in place.
 bool RigEstimation::jumps_far() {
   const Index stretch = std::max<Index>(min_block, images_ / max_blocks);
-  const auto largest =
-      std::ranges::max_element(current_, {}, [](const Tile& t) { return t.width * t.height; });
-  const Tile& tile = *largest;
+  const Tile& tile =
+      *std::ranges::max_element(current_, {}, [](const Tile& t) { return t.width * t.height; });
   const int reach = std::min(max_jump_px, std::min(tile.width, tile.height) / 4);
   const auto start = structure_of(tile, 0, stretch);
   for (Index first = stretch; first + stretch <= images_; first += stretch) {
@@ -821,6 +887,16 @@ bool RigEstimation::estimate_motion(int round) {
       for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
   }
   return (shift_ - before).cwiseAbs().maxCoeff() > 2.0 * small_step_px;
+}
+
+/// Rotation and scale that shifts leave, to the first order. They are told, and not corrected.
+void RigEstimation::look_for_turns() {
+  const bool told = path_.kind != CapturePath::Kind::rest && model_.shift_px.empty();
+  if (lost_track_ || told || !predictors_.are_mixtures()) return;
+  VectorXd variance;
+  const MatrixXd measured = motion_step(variance, true);
+  turn_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
+  if (turn_.values.cwiseAbs().maxCoeff() < min_turn_px) turn_.kind = CapturePath::Kind::rest;
 }
 
 /// Products ⟨A_c y_k, A_d y_l⟩ of the residuals of camera channel k under the lights of primary c, of each
@@ -1073,7 +1149,7 @@ double RigEstimation::criterion_of(const std::array<MatrixXf, 3>& y) const {
 
 /// Least squares of ‖A (y − gain ∘ y − room · scene)‖² with the expected size of both as prior.
 RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<MatrixXf, 3>& y,
-                                                          const Eigen::VectorXf& scene) const {
+                                                          const RoomPicture& scene) const {
   constexpr Index parts = 2;
   MatrixXd normal = MatrixXd::Zero(parts * images_, parts * images_);
   VectorXd right = VectorXd::Zero(parts * images_);
@@ -1083,7 +1159,7 @@ RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<Matri
     const Eigen::VectorXf weights =
         (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
             .inverse();
-    const std::array<MatrixXf, 2> by{y[c], scene.transpose().replicate(images_, 1)};
+    const std::array<MatrixXf, 2> by{y[c], scene[c].transpose().replicate(images_, 1)};
     for (Index i = 0; i < parts; ++i) {
       const MatrixXf weighted = by[i] * weights.asDiagonal();
       right.segment(i * images_, images_) += weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
@@ -1163,26 +1239,27 @@ bool RigEstimation::estimate_brightness() {
   model_.room.clear();
   prepare();
   std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
-  const Eigen::VectorXf scene =
-      (y[0].colwise().mean() + y[1].colwise().mean() + y[2].colwise().mean()).transpose() / 3.0f;
+  const RoomPicture scene = room_picture(y);
   const double start = criterion_of(y);
   // Room light: its changes by the joint solution, its mean by the constants that pixels have.
   std::array<MatrixXf, 3> dark = y;
   VectorXd room = VectorXd::Zero(frames_), measured = VectorXd::Zero(images_);
-  for (int step = 0; step < 2; ++step) {  // the prior holds back the first
+  for (int step = 0; step < 3; ++step) {  // the prior holds back the first
     const Brightness found = solve_brightness(dark, scene);
     measured = room(chosen_) + found.room;
     room = choose_path(measured, found.room_variance, chosen_, frames_, room_floor).values.col(0);
     room.array() -= room(chosen_).mean();
     dark = y;
-    for (auto& channel : dark) channel -= room(chosen_).cast<float>() * scene.transpose();
+    for (int c = 0; c < 3; ++c) dark[c] -= room(chosen_).cast<float>() * scene[c].transpose();
     if (room.isZero()) break;
   }
   const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
   const double mean_room = mean_room_light(y, scene);
   if (changes || mean_room != 0.0)
-    for (int j = 0; j < frames_; ++j) model_.room.push_back(mean_room + (changes ? room[j] : 0.0));
+    for (int j = 0; j < frames_; ++j)
+      model_.room.push_back(room_scale_ * (mean_room + (changes ? room[j] : 0.0)));
+  if (model_.room.empty()) model_.ambient_room = false;
   if (changes) y = dark;
   // Gains: of all channels, and what each channel has besides.
   const auto corrected = [&](const MatrixXd& gains) {
@@ -1255,15 +1332,15 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
 }
 
 /// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants.
-double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Eigen::VectorXf& scene) const {
+double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const {
   double product = 0.0, power = 0.0;
   std::array<MatrixXf, 3> without, with;
   for (int c = 0; c < 3; ++c) {
     const Eigen::VectorXf constants = predictors_.constants(c, model_.tone[c], y[c]);
     const MatrixXf residual = leave_one_out_[c] * y[c];
     const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
-    product += weights.cwiseProduct(constants).dot(scene);
-    power += weights.cwiseProduct(scene).dot(scene);
+    product += weights.cwiseProduct(constants).dot(scene[c]);
+    power += weights.cwiseProduct(scene[c]).dot(scene[c]);
     without[c] = predictors_.leave_one_out(c, model_.tone[c], false) * y[c];
     with[c] = residual;
   }
@@ -1306,6 +1383,19 @@ RigReport RigEstimation::report() const {
         how + text + (moved_back ? "" : "; moving photographs back would blur more than it corrects"));
     if (!moved_back) report.findings.back().state = RigFinding::State::suspicious;
   }
+  if (turn_.kind != CapturePath::Kind::rest) {
+    Index at = 0;
+    const double amount = std::sqrt(turn_.values.rowwise().squaredNorm().maxCoeff(&at));
+    std::snprintf(
+        text, sizeof text,
+        "%s the picture turned by %.2f degrees and grew by %.2f %%, up to %.2f pixels at its corners",
+        path_.kind == CapturePath::Kind::rest ? "" : (report.findings.back().measured + ";").c_str(),
+        turn_.values(at, 0) / centre_.norm() * 180.0 / std::numbers::pi,
+        100.0 * turn_.values(at, 1) / centre_.norm(), amount);
+    report.findings.back().measured = text;
+    report.findings.back().state = RigFinding::State::suspicious;
+    report.findings.back().amount = std::max(report.findings.back().amount, amount);
+  }
   const Eigen::Matrix3d& m = model_.mixing;
   const double mixed = (m - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   std::snprintf(text, sizeof text,
@@ -1336,7 +1426,8 @@ RigReport RigEstimation::report() const {
   add("gain", !model_.gain.empty(), most, model_.gain.empty() ? "photographs are equally exposed" : text);
   most = 0.0;
   for (const double room : model_.room) most = std::max(most, std::abs(room));
-  std::snprintf(text, sizeof text, "room light of up to %.1f %% of the mean photograph", 100.0 * most);
+  std::snprintf(text, sizeof text, "room light of up to %.1f %% of the %s photograph%s", 100.0 * most,
+                model_.ambient_room ? "ambient" : "mean", model_.ambient_room ? " was left" : "");
   add("room light", !model_.room.empty(), most, model_.room.empty() ? "none was found" : text);
   return report;
 }

@@ -33,6 +33,7 @@ std::string rig_text(const RigModel& rig) {
   }
   if (!rig.gain.empty()) json["gain"] = rig.gain;
   if (!rig.room.empty()) json["room"] = rig.room;
+  if (rig.ambient_room) json["ambient_room"] = true;
   return json_text(json);
 }
 
@@ -52,6 +53,7 @@ RigModel rig_from_text(const std::string& text, const std::string& name) try {
   read("shift_px", rig.shift_px);
   read("gain", rig.gain);
   read("room", rig.room);
+  rig.ambient_room = json.value("ambient_room", false);
   if (json.contains("mixing")) {
     const auto rows = json.at("mixing").get<std::array<std::array<double, 3>, 3>>();
     for (int c = 0; c < 3; ++c)
@@ -75,8 +77,12 @@ RigModel read_rig(const std::filesystem::path& path) {
   return rig_from_text(read_text(path), path.string());
 }
 
-void apply_rig(const RigModel& rig, int height_px, std::vector<CaptureFrame>& frames) {
+void apply_rig(const RigModel& rig, const CaptureSession& session, std::vector<CaptureFrame>& frames) {
   if (rig.is_identity()) return;
+  if (rig.ambient_room && !session.ambient)
+    throw InputError(
+        "the rig model's room light is a multiple of the ambient photograph, which this capture lacks; give "
+        "a model of this capture, or estimate one");
   std::map<std::string, std::size_t> numbers;
   for (std::size_t j = 0; j < rig.photographs.size(); ++j) numbers[rig.photographs[j]] = j;
   std::map<std::string, const CaptureFrame*> by_name;
@@ -99,10 +105,11 @@ void apply_rig(const RigModel& rig, int height_px, std::vector<CaptureFrame>& fr
       if (frame.views) frame.views->light = light->second->views->light;
     }
     FrameCorrection correction;
-    correction.height_px = height_px;
+    correction.height_px = session.height;
     if (!rig.shift_px.empty()) correction.shift_px = rig.shift_px[j];
     if (!rig.gain.empty()) std::ranges::copy(rig.gain[j], correction.gain.begin());
-    if (!rig.room.empty()) correction.room.fill(static_cast<float>(rig.room[j]));
+    if (!rig.room.empty()) correction.room = static_cast<float>(rig.room[j]);
+    if (rig.ambient_room) correction.ambient = *session.ambient;
     correction.primaries_from_camera = unmix;
     if (!rig.mixes_colours()) correction.primaries_from_camera.setIdentity();
     std::ranges::copy(rig.tone, correction.tone.begin());

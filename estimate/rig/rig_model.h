@@ -13,7 +13,7 @@
 namespace refield {
 
 /// What a rig does besides B = T L, the same for all pixels. Photograph j shows
-///   b_j(x + shift_j) = gain_j · mixing · (T tone(l_k) + room_j · mean photograph),  k = light_of[j].
+///   b_j(x + shift_j) = gain_j · mixing · (T tone(l_k) + room_j · room picture),  k = light_of[j].
 /// Vectors are [photographs] in the order of the session's training frames, or empty where nothing is to be
 /// corrected. `refield estimate --rig FILE` reads and OUTPUT.log.json contains a model as JSON with
 /// these names.
@@ -29,7 +29,9 @@ struct RigModel {
   std::array<double, 3> tone{1.0, 1.0, 1.0};
   double white = 1.0;                       ///< largest radiance of the light maps
   std::vector<std::array<double, 3>> gain;  ///< of each channel, mean 1
-  std::vector<double> room;  ///< room light, as a share of the mean photograph (its mean over the channels)
+  std::vector<double> room;                 ///< room light that is left, as a multiple of the room picture
+  /// Whether that is the session's ambient photograph, else the mean photograph (its mean over the channels).
+  bool ambient_room = false;
 
   bool mixes_colours() const { return mixing != Eigen::Matrix3d::Identity(); }
   bool bends_tone() const { return tone != std::array<double, 3>{1.0, 1.0, 1.0}; }
@@ -42,9 +44,10 @@ std::string rig_text(const RigModel& rig);
 RigModel rig_from_text(const std::string& text, const std::string& name);
 RigModel read_rig(const std::filesystem::path& path);
 
-/// Gives each frame, of photographs `height_px` high, the light map and the correction of the model; frames
-/// without a light map are removed. Throws InputError when the model does not have all frames, by name.
-void apply_rig(const RigModel& rig, int height_px, std::vector<CaptureFrame>& frames);
+/// Gives each of the `frames` of a session the light map and the correction of the model; frames without a
+/// light map are removed. Throws InputError when the model does not have all frames, by name, or the session
+/// lacks the ambient photograph that the model needs.
+void apply_rig(const RigModel& rig, const CaptureSession& session, std::vector<CaptureFrame>& frames);
 
 /// Gives held-out frames of `session` (role test) what the rig model in a field's provenance says of their
 /// neighbours in time, so that they can be compared with the field: the light map, the shift (linear between

@@ -111,7 +111,7 @@ INSTANTIATE_TEST_SUITE_P(
         Rig{"gain", "1 % per photograph", "[sensor]\ngain_jitter = 0.01\n"},
         Rig{"white balance", "1 % per channel", "[sensor]\nbalance_jitter = 0.01\n"},
         Rig{"tone curve", "exponent off by 3 %", "[monitor]\nstated_gamma = [2.27, 2.31, 2.20]\n"},
-        Rig{"room light", "twice as bright from a half on", "[ambient]\nswitched = [[0.5, 2.0]]\n"},
+        Rig{"room light", "twice as bright from a half on", "[ambient]\nswitched = [[0.5, 2.0]]\n", 4.5, 4.0},
         Rig{"shutter times", "rounded", "[sensor]\nrounds_exposures = true\n"},
         Rig{"all of these", "as in ./dev demo",
             moves_of_creep +

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // acquire with a monitor that drifts: reference frames tell by how much, and a capture that was killed and
 // goes on takes the same photographs.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -53,6 +54,21 @@ TEST(AcquireProgram, ReferenceFramesTellTheDriftAndSurviveAKill) {
   ASSERT_TRUE(kill_at_file(acquire("cut", ""), log, "observed/train_005.exr")) << read_text(log);
   ASSERT_EQ(run_program(acquire("cut", "--resume"), log), 0) << read_text(log);
   EXPECT_EQ(folder_difference(folder / "whole", folder / "cut"), "");
+}
+
+TEST(AcquireProgram, PrimariesAreNoOutliersAmongFewPatterns) {
+  const TemporaryFolder folder;
+  std::string recipe = tiny_recipe;
+  recipe.replace(recipe.find("seed = 5"), 8, "seed = 1");
+  recipe.replace(recipe.find("train = 10"), 10, "train = 24");
+  write_text_atomically(folder / "recipe.toml", recipe);
+  const auto log = folder / "log";
+  ASSERT_EQ(run_program({"simulate", folder / "recipe.toml", "-o", folder / "truth"}, log), 0);
+  ASSERT_EQ(run_program({"acquire", "run", folder / "recipe.toml", "--truth", folder / "truth", "-o",
+                         folder / "session"},
+                        log),
+            0);
+  EXPECT_THAT(read_text(log), testing::HasSubstr("check of 27 photographs: good"));
 }
 
 }  // namespace
