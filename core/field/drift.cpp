@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field/drift.h"
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -188,6 +189,18 @@ void set_broken_aside(std::vector<DriftPoint>& points) {
   }
 }
 
+/// Whether gains of 5 points and more jump to and fro: then squared differences of neighbours are 2 times
+/// those from the mean, 0.2 to 1.2 times where gains drift or step once. Source: von Neumann 1941.
+bool scatters(const std::vector<DriftPoint>& points) {
+  constexpr double max_ratio = 1.5;
+  Eigen::Matrix3Xd gains(3, std::ranges::count(points, true, &DriftPoint::used));
+  for (Eigen::Index k = 0; const DriftPoint& point : points)
+    if (point.used) gains.col(k++) = Eigen::Vector3d(point.gain.data());
+  const Eigen::Index steps = gains.cols() - 1;
+  const double changes = (gains.rightCols(steps) - gains.leftCols(steps)).squaredNorm();
+  return steps >= 4 && changes > max_ratio * (gains.colwise() - gains.rowwise().mean()).squaredNorm();
+}
+
 }  // namespace
 
 std::array<float, 3> Drift::gain_at(double order) const {
@@ -231,6 +244,7 @@ Drift measure_drift(const CaptureSession& session, const RunContext& run) {
       if (change > std::max(significant_errors * point.uncertainty[c], significant_gain))
         drift.significant = true;
     }
+  drift.significant = drift.significant && !scatters(drift.points);
   return drift;
 }
 

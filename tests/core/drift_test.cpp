@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <functional>
+#include <numbers>
 
 #include "core/base/errors.h"
 #include "core/base/files.h"
@@ -150,6 +151,13 @@ TEST_F(DriftOfReferences, AStepIsDriftToo) {
   const Drift drift = measure_drift(session_);
   for (const DriftPoint& point : drift.points) EXPECT_TRUE(point.used) << point.frame;
   EXPECT_NEAR(drift.gain_at(last_order)[1], 0.9, 0.002);
+}
+
+// Gains that differ from photograph to photograph say nothing of those between two references.
+TEST_F(DriftOfReferences, ScatterIsNoDrift) {
+  take([](int, double share) { return 1.0 + 0.01 * std::cos(std::numbers::pi * (references - 1) * share); });
+  EXPECT_FALSE(remove_drift(session_).significant);
+  EXPECT_EQ(session_.frames.back().gain, (std::array<float, 3>{1.0f, 1.0f, 1.0f}));
 }
 
 TEST_F(DriftOfReferences, FewerThanTwoFramesSayNothing) {
