@@ -21,7 +21,7 @@ struct DriftPoint {
 /// Slow change of the brightness of monitor or camera over a capture, as its reference frames show it.
 struct Drift {
   std::vector<DriftPoint> points;  ///< in order; empty: the session has fewer than two reference frames
-  bool significant = false;        ///< beyond its own uncertainty and 0.05 %
+  bool significant = false;        ///< beyond its own uncertainty and 0.05 %, and no mere scatter
   double largest = 0.0;            ///< largest |gain − 1| of a point that is used
 
   /// The gain at a moment: linear between the points used, constant before the first and after the last.
