@@ -195,8 +195,10 @@ constexpr double min_doubtful_mixing = 0.05;
 constexpr double min_evidence = 20.0;
 /// The same for a tone curve, counting lights that differ. 60 and 120 lights of 32 to 192 random texels gain
 /// up to 3.8 without one, for exponents of up to 1.14, where pixels see a few of them: the predictor's errors
-/// follow the lights, and agree in all pixels. A tone curve of 1.06 and 60 lights gain 4.2.
-constexpr double min_tone_evidence = 4.0;
+/// follow the lights, and agree in all pixels. A tone curve of 1.06 and 60 lights gain 4.2. With 30 lights
+/// that are shown four times it is 5 for exponents of 1.29, and 8.7 for a tone curve of .95 of the demo's
+/// scene.
+constexpr double min_tone_evidence = 4.0, min_tone_evidence_of_few = 7.0;
 /// Gains are expected to be of that size, or so much wider than what was found with that expectation, and
 /// pixels count as that many independent ones: the predictor's errors are common to all pixels.
 constexpr double expected_gain = 0.01, no_balance = 0.001, wider = 1.3, independent_pixels = 67.0;
@@ -220,8 +222,8 @@ constexpr double min_agreement = 2.2, min_motion_agreement = 1.5;
 /// Of the criterion, by which motion is clear without. A creep of half a pixel gains .4.
 constexpr double clear_motion_gain = 0.1;
 /// Relative residuals beyond which the predictor is not good enough to tell a tone curve or gains from what
-/// it does not know of the light, and different lights for both: with 40 of sharp boxes it took its own
-/// errors for gains of 9 %, with 30 of random texels, shown four times, for exponents of 1.29.
+/// it does not know of the light, and different lights for gains: with 40 of sharp boxes it took its own
+/// errors for gains of 9 %.
 constexpr double max_residual_of_tone = 0.1, max_residual_of_gains = 0.08;
 constexpr int min_lights_for_gains = 60;
 /// That pixels have constants: room light of 1 % shows about 0, of 2 % 1.7, undisturbed captures -7 to -2.
@@ -1013,9 +1015,7 @@ bool RigEstimation::estimate_colour_and_tone() {
   const Eigen::Matrix3d mixing_alone = model_.mixing;
   const auto residuals = relative_residuals();
   const double straight_criterion = total_criterion();
-  const bool tells_tone =
-      predictors_.are_mixtures() && predictors_.different_lights() >= min_lights_for_gains;
-  for (int k = 0; k < 4 && tells_tone; ++k) {
+  for (int k = 0; k < 4 && predictors_.are_mixtures(); ++k) {
     const auto tone = best_exponents();
     double change = 0.0;
     for (int c = 0; c < 3; ++c) change = std::max(change, std::abs(tone[c] - model_.tone[c]));
@@ -1025,8 +1025,10 @@ bool RigEstimation::estimate_colour_and_tone() {
   }
   if (model_.bends_tone()) {
     const double agrees = agreement(residuals, relative_residuals());
-    const double evidence = predictors_.different_lights() * (straight_criterion - total_criterion());
-    if (agrees < min_agreement || evidence < min_tone_evidence) {
+    const int lights = predictors_.different_lights();
+    const double evidence = lights * (straight_criterion - total_criterion());
+    if (agrees < min_agreement ||
+        evidence < (lights < min_lights_for_gains ? min_tone_evidence_of_few : min_tone_evidence)) {
       model_.mixing = mixing_alone;
       prepare();
       use_tone(straight);
