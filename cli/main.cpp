@@ -179,8 +179,7 @@ std::unique_ptr<CLI::App> command_line(refield::cli::Common& common, refield::cl
   add_verbs(app, common, action);
   // After the verbs, which would inherit it.
   app.footer(
-      "'refield COMMAND --help' explains a command and its options, --help-all lists all of them. "
-      "docs/guide/tutorial.md leads through a first capture.\n"
+      "'refield COMMAND --help[-all]' explains a command; docs/guide/tutorial.md leads through a capture.\n"
       "\n"
       "Exit status: 0 success; 2 invalid input or option, or a system error (see the message); 130 "
       "interrupted by Ctrl-C or SIGTERM, finished work is kept; 1 internal error.");

@@ -214,7 +214,8 @@ constexpr double max_share_of_lights = 0.5;
 /// The same for gains that channels have besides. Undisturbed captures of cycles-b and the tabletop show .016
 /// and .002. A white balance that varies by 1 % shows .09 and .0064, and the field gains nothing by its
 /// correction; one of 1.5 % shows .15 and .0088, and the error of the whole picture under bars falls by 17 %.
-constexpr double min_balance_gain = 0.05, min_balance = 0.008;
+/// A camera that walks at random leaves more than .008 without any.
+constexpr double min_balance_gain = 0.05, min_balance = 0.008, min_balance_of_moving = 0.0095;
 /// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
 /// 0.
 /// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
@@ -1278,7 +1279,8 @@ bool RigEstimation::estimate_brightness() {
   MatrixXd gain = solve_gains(y, expected_gain, expected_gain);
   MatrixXd common = common_of(gain);
   const bool balances =
-      corrected(common) - corrected(gain) > min_balance_gain && size_of(gain - common) > min_balance;
+      corrected(common) - corrected(gain) > min_balance_gain &&
+      size_of(gain - common) > (model_.shift_px.empty() ? min_balance : min_balance_of_moving);
   const double expected_balance =
       balances ? std::max(expected_gain, wider * size_of(gain - common)) : no_balance;
   const double expected_common = size_of(common) > 2.0 * expected_gain ? size_of(common) : expected_gain;

@@ -169,7 +169,7 @@ class Reader:
             written = []
             for raw in sorted((self.base / "session/raw").glob("*_e*.png")):
                 light, exposure = re.match(r"(\w+?)_e(\d)(?:_r0)?\.png", raw.name).groups() if "_r" not in raw.name or "_r0" in raw.name else ("test", 0)
-                if light.startswith("test"):
+                if light.startswith(("test", "primary", "reference")):  # not of the recipe's lights
                     continue
                 name = "dark" if light == "ambient" else light
                 written.append(f"{raw} --attrib ExposureTime {times[int(exposure)]} -o shots/{name}_e{exposure}.tif")
