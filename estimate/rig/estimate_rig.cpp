@@ -193,12 +193,13 @@ constexpr double min_doubtful_mixing = 0.05;
 /// must gain. Undisturbed captures gain up to .6, those with gains that are not yet known 1.6, a tone curve
 /// of 1.03 and mixing of 2 % gain more than 8.
 constexpr double min_evidence = 20.0;
-/// The same for a tone curve, counting lights that differ. 60 and 120 lights of 32 to 192 random texels gain
-/// up to 3.8 without one, for exponents of up to 1.14, where pixels see a few of them: the predictor's errors
-/// follow the lights, and agree in all pixels. A tone curve of 1.06 and 60 lights gain 4.2. With 30 lights
-/// that are shown four times it is 5 for exponents of 1.29, and 8.7 for a tone curve of .95 of the demo's
-/// scene.
-constexpr double min_tone_evidence = 4.0, min_tone_evidence_of_few = 7.0;
+/// The same for a tone curve, counting lights that differ; and how well that evidence must tell its
+/// exponents. The predictor's errors follow the lights and agree in all pixels where these see a few random
+/// texels. Without any tone curve, 60 lights of 32 such texels gain 3.5 for exponents of 1.07 (uncertain by
+/// .027), 120 of 192 texels 3.8 for 1.09 (.031), 30 that are shown four times 3.7 for 1.28 (.10). A tone
+/// curve of 1.03 and 120 photographs of cycles-b with all other effects gains 1.8 (.019), of 1.06 and 60
+/// lights 4.2 (.021), of .95 and 30 of the demo's scene 8.7 (.012).
+constexpr double min_tone_evidence = 1.5, max_tone_uncertainty = 0.024;
 /// Gains are expected to be of that size, or so much wider than what was found with that expectation, and
 /// pixels count as that many independent ones: the predictor's errors are common to all pixels.
 constexpr double expected_gain = 0.01, no_balance = 0.001, wider = 1.3, independent_pixels = 67.0;
@@ -1026,10 +1027,12 @@ bool RigEstimation::estimate_colour_and_tone() {
   }
   if (model_.bends_tone()) {
     const double agrees = agreement(residuals, relative_residuals());
-    const int lights = predictors_.different_lights();
-    const double evidence = lights * (straight_criterion - total_criterion());
-    if (agrees < min_agreement ||
-        evidence < (lights < min_lights_for_gains ? min_tone_evidence_of_few : min_tone_evidence)) {
+    const double evidence = predictors_.different_lights() * (straight_criterion - total_criterion());
+    double bend = 0.0;
+    for (const double exponent : model_.tone) bend = std::max(bend, std::abs(exponent - 1.0));
+    // Of a normal distribution, evidence is half of the square of bend ∕ uncertainty.
+    if (agrees < min_agreement || evidence < min_tone_evidence ||
+        bend > max_tone_uncertainty * std::sqrt(2.0 * evidence)) {
       model_.mixing = mixing_alone;
       prepare();
       use_tone(straight);
