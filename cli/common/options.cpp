@@ -235,21 +235,17 @@ void print_table(const Json& rows, int indent) {
   for (const Json& row : rows)
     for (const auto& [key, item] : row.items())
       if (std::ranges::find(keys, key) == keys.end()) keys.push_back(key);
-  std::vector<std::vector<std::string>> lines(1 + rows.size());
+  std::vector<std::string> lines(1 + rows.size(), std::string(static_cast<std::size_t>(indent), ' '));
   for (const std::string& key : keys) {
-    lines[0].push_back(label_of(key));
-    for (std::size_t i = 0; i < rows.size(); ++i)
-      lines[i + 1].push_back(rows[i].contains(key) ? line_of(rows[i][key]) : "");
+    std::vector<std::string> cells{label_of(key)};
+    for (const Json& row : rows) cells.push_back(row.contains(key) ? line_of(row[key]) : "");
+    std::size_t width = 0;
+    for (const std::string& cell : cells) width = std::max(width, columns_of(cell));
+    for (std::size_t i = 0; i < lines.size(); ++i)
+      lines[i] += cells[i] + std::string(width - columns_of(cells[i]) + 2, ' ');
   }
-  for (const auto& line : lines) {
-    std::string text(static_cast<std::size_t>(indent), ' ');
-    for (std::size_t column = 0; column < line.size(); ++column) {
-      std::size_t width = 0;
-      for (const auto& other : lines) width = std::max(width, columns_of(other[column]));
-      text += line[column] + std::string(width - columns_of(line[column]) + 2, ' ');
-    }
-    std::printf("%s\n", text.substr(0, text.find_last_not_of(' ') + 1).c_str());
-  }
+  for (const std::string& line : lines)
+    std::printf("%s\n", line.substr(0, line.find_last_not_of(' ') + 1).c_str());
 }
 
 }  // namespace
