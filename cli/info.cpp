@@ -289,7 +289,7 @@ void add_info(CLI::App& app, const Common& common, Action& action) {
       if (fs::is_directory(*path)) verdict = checked(read_capture_session(*path));
       const std::vector<std::string> notes = notes_of(*path);
       if (!notes.empty() && common.json) info["import_notes"] = notes;
-      if (verdict && common.json) info["check"] = json_from_text(verdict_json(*verdict));
+      if (verdict && common.json) info["check"] = verdict_json(*verdict);
       if (common.json)
         print_json(info);
       else

@@ -123,7 +123,7 @@ void tell(EstimateSummary& summary, const std::filesystem::path& file, const Est
   for (const LeftOutFrame& frame : summary.frames.left_out) summary.left_out.push_back(frame.name);
   const CaptureVerdict verdict = verdict_of(summary.frames, summary.plan.images);
   if (verdict.state() != RigFinding::State::good) summary.verdict = verdict_table(verdict);
-  log["check"] = json_from_text(verdict_json(verdict));
+  log["check"] = verdict_json(verdict);
   const std::string unexplained = unexplained_error(
       summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
   if (!unexplained.empty()) log["unexplained_error"] = unexplained;

@@ -129,7 +129,7 @@ void report_check(const fs::path& session, Json* figures) {
     const std::string table = verdict_table(verdict);
     const bool is_good = verdict.state() == RigFinding::State::good;
     if (figures)
-      (*figures)["check"] = json_from_text(verdict_json(verdict));
+      (*figures)["check"] = verdict_json(verdict);
     else
       std::printf("%s", (is_good ? table.substr(0, table.find('\n') + 1) : table).c_str());
   } catch (const InputError& error) {  // the photographs are kept all the same

@@ -158,7 +158,7 @@ CaptureVerdict check_capture(const CaptureSession& session, const EstimateOption
   return verdict_of(check_frames(job, options, quiet), photographs);
 }
 
-std::string verdict_json(const CaptureVerdict& verdict) {
+Json verdict_json(const CaptureVerdict& verdict) {
   auto rows = Json::array();
   for (const VerdictRow& row : verdict.rows) {
     Json entry{{"property", row.property}, {"state", name_of(row.state)}, {"measured", row.measured}};
@@ -167,11 +167,11 @@ std::string verdict_json(const CaptureVerdict& verdict) {
     if (!row.remedy.empty()) entry["remedy"] = row.remedy;
     rows.push_back(std::move(entry));
   }
-  return json_text(Json{{"state", name_of(verdict.state())},
-                        {"photographs", verdict.photographs},
-                        {"typical_residual", verdict.typical_residual},
-                        {"noise", verdict.noise},
-                        {"properties", rows}});
+  return {{"state", name_of(verdict.state())},
+          {"photographs", verdict.photographs},
+          {"typical_residual", verdict.typical_residual},
+          {"noise", verdict.noise},
+          {"properties", rows}};
 }
 
 std::string verdict_table(const CaptureVerdict& verdict) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/session/capture_session.h"
 #include "estimate/estimate.h"
@@ -47,8 +48,8 @@ CaptureVerdict verdict_of(const FrameReport& report, int photographs);
 
 /// A table for people, one line per row and another for each remedy.
 std::string verdict_table(const CaptureVerdict& verdict);
-/// The same as JSON.
-std::string verdict_json(const CaptureVerdict& verdict);
+/// The same for programs.
+Json verdict_json(const CaptureVerdict& verdict);
 
 /// That a training error is larger than noise explains, with the likely cause from the verdict; empty where
 /// it is not.

@@ -46,7 +46,7 @@ TEST(Verdict, NamesWhatIsWrongAndWhatToDo) {
   EXPECT_EQ(row_of(verdict, "noise").state, State::suspicious);
   EXPECT_THAT(row_of(verdict, "outlier frames").measured, HasSubstr("train_007"));
   EXPECT_THAT(verdict_table(verdict), HasSubstr("residual 0.100 to 0.040"));
-  EXPECT_THAT(verdict_json(verdict), HasSubstr("\"property\":\"motion\",\"state\":\"corrected\""));
+  EXPECT_THAT(json_text(verdict_json(verdict)), HasSubstr("\"property\":\"motion\",\"state\":\"corrected\""));
 }
 
 TEST(Verdict, ClippingCountsFromTwoSamplesInTenThousand) {
