@@ -99,6 +99,55 @@ Workers& workers() {
   return *all;
 }
 
+py::object new_exception(py::module_& module, const char* name, const py::object& bases, const char* text) {
+  const std::string full = std::string("refield.") + name;
+  auto type =
+      py::reinterpret_steal<py::object>(PyErr_NewExceptionWithDoc(full.c_str(), text, bases.ptr(), nullptr));
+  if (!type) throw py::error_already_set();
+  module.attr(name) = type;
+  return type;
+}
+
+// Types live as long as the interpreter.
+PyObject *error_type, *input_error_type, *format_error_type, *device_error_type, *solver_error_type;
+
+void bind_errors(py::module_& module) {
+  const py::object error =
+      new_exception(module, "Error", py::reinterpret_borrow<py::object>(PyExc_Exception),
+                    "Base of every error that refield expects. The text is that of the command "
+                    "line: file or argument, value, remedy.");
+  const auto value_error = py::reinterpret_borrow<py::object>(PyExc_ValueError);
+  const auto os_error = py::reinterpret_borrow<py::object>(PyExc_OSError);
+  error_type = error.inc_ref().ptr();
+  const auto add = [&](const char* name, const py::object& bases, const char* text) {
+    return new_exception(module, name, bases, text).release().ptr();
+  };
+  input_error_type = add("InputError", py::make_tuple(error, value_error),
+                         "An argument cannot be used: out of range, of another shape, too few images.");
+  format_error_type = add("FormatError", py::make_tuple(error, value_error),
+                          "A file breaks its format: truncated, of another kind or version.");
+  device_error_type = add("DeviceError", py::make_tuple(error, os_error),
+                          "The operating system refused: missing file, no space, no permission.");
+  solver_error_type = add("SolverError", py::make_tuple(error), "A numerical method found no valid answer.");
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      if (thrown) std::rethrow_exception(thrown);
+    } catch (const InputError& caught) {
+      PyErr_SetString(input_error_type, in_python(caught.what()).c_str());
+    } catch (const FormatError& caught) {
+      PyErr_SetString(format_error_type, in_python(caught.what()).c_str());
+    } catch (const DeviceError& caught) {
+      PyErr_SetString(device_error_type, in_python(caught.what()).c_str());
+    } catch (const SolverError& caught) {
+      PyErr_SetString(solver_error_type, in_python(caught.what()).c_str());
+    } catch (const Error& caught) {
+      PyErr_SetString(error_type, in_python(caught.what()).c_str());
+    } catch (const Interrupted&) {
+      PyErr_SetNone(PyExc_KeyboardInterrupt);
+    }
+  });
+}
+
 }  // namespace
 
 void require_own_threads() {
@@ -255,59 +304,6 @@ float* target_of(py::array& out, const std::vector<py::ssize_t>& shape) {
                      "; give a writable, aligned float32 array of shape " + text_of(shape) + " in C order");
   return static_cast<float*>(out.mutable_data());
 }
-
-namespace {
-
-py::object new_exception(py::module_& module, const char* name, const py::object& bases, const char* text) {
-  const std::string full = std::string("refield.") + name;
-  auto type =
-      py::reinterpret_steal<py::object>(PyErr_NewExceptionWithDoc(full.c_str(), text, bases.ptr(), nullptr));
-  if (!type) throw py::error_already_set();
-  module.attr(name) = type;
-  return type;
-}
-
-// Types live as long as the interpreter.
-PyObject *error_type, *input_error_type, *format_error_type, *device_error_type, *solver_error_type;
-
-void bind_errors(py::module_& module) {
-  const py::object error =
-      new_exception(module, "Error", py::reinterpret_borrow<py::object>(PyExc_Exception),
-                    "Base of every error that refield expects. The text is that of the command "
-                    "line: file or argument, value, remedy.");
-  const auto value_error = py::reinterpret_borrow<py::object>(PyExc_ValueError);
-  const auto os_error = py::reinterpret_borrow<py::object>(PyExc_OSError);
-  error_type = error.inc_ref().ptr();
-  const auto add = [&](const char* name, const py::object& bases, const char* text) {
-    return new_exception(module, name, bases, text).release().ptr();
-  };
-  input_error_type = add("InputError", py::make_tuple(error, value_error),
-                         "An argument cannot be used: out of range, of another shape, too few images.");
-  format_error_type = add("FormatError", py::make_tuple(error, value_error),
-                          "A file breaks its format: truncated, of another kind or version.");
-  device_error_type = add("DeviceError", py::make_tuple(error, os_error),
-                          "The operating system refused: missing file, no space, no permission.");
-  solver_error_type = add("SolverError", py::make_tuple(error), "A numerical method found no valid answer.");
-  py::register_exception_translator([](std::exception_ptr thrown) {
-    try {
-      if (thrown) std::rethrow_exception(thrown);
-    } catch (const InputError& caught) {
-      PyErr_SetString(input_error_type, in_python(caught.what()).c_str());
-    } catch (const FormatError& caught) {
-      PyErr_SetString(format_error_type, in_python(caught.what()).c_str());
-    } catch (const DeviceError& caught) {
-      PyErr_SetString(device_error_type, in_python(caught.what()).c_str());
-    } catch (const SolverError& caught) {
-      PyErr_SetString(solver_error_type, in_python(caught.what()).c_str());
-    } catch (const Error& caught) {
-      PyErr_SetString(error_type, in_python(caught.what()).c_str());
-    } catch (const Interrupted&) {
-      PyErr_SetNone(PyExc_KeyboardInterrupt);
-    }
-  });
-}
-
-}  // namespace
 
 PYBIND11_MODULE(_refield, module) {
   pthread_atfork(nullptr, nullptr, [] { lost_threads = has_started.load(); });

@@ -20,6 +20,8 @@
 
 namespace refield {
 
+namespace fs = std::filesystem;
+
 namespace {
 
 /// The nodes around a point and their bilinear weights.
@@ -60,6 +62,88 @@ void for_each_value(Image& image, const RelativeMap& map, const Change& change) 
       const float factor = map.at_pixel(x, y, image);
       for (int c = 0; c < image.channels; ++c) change(image.values[i++], factor);
     }
+}
+
+constexpr int drive_level_count = 256;
+
+std::size_t full_scale(int bits) {
+  return (std::size_t{1} << bits) - 1;
+}
+
+[[noreturn]] void refuse(const std::string& where, const std::string& what) {
+  throw InputError(where + ": " + what + "; repair that entry or calibrate again");
+}
+
+void require_positive(double value, const char* name, const std::string& where) {
+  if (!(std::isfinite(value) && value > 0.0))
+    refuse(where, std::string(name) + " is " + std::to_string(value) + " and must be above zero");
+}
+
+/// The level whose light above black is nearest to `wanted`.
+std::uint8_t nearest_level(const std::vector<float>& radiance, float wanted) {
+  const float target = radiance.front() + wanted;
+  const auto above = std::ranges::lower_bound(radiance, target);
+  if (above == radiance.begin()) return 0;
+  // The lowest level that emits as much as the level just below the target.
+  const auto below = std::ranges::lower_bound(radiance.begin(), above, *(above - 1));
+  const bool take_below = above == radiance.end() || target - *below <= *above - target;
+  return static_cast<std::uint8_t>((take_below ? below : above) - radiance.begin());
+}
+
+constexpr std::array<const char*, 3> channel_names = {"red", "green", "blue"};
+
+toml::array array_of(const std::vector<float>& values) {
+  toml::array array;
+  for (float value : values) array.push_back(static_cast<double>(value));
+  return array;
+}
+
+constexpr double unlimited = ConfigSection::unlimited;
+constexpr int max_map_nodes = 65536;  // in either direction
+
+ConfigFile open_calibration(const fs::path& path) {
+  return {path, "calibration", "docs/reference/capture-session-format.md"};
+}
+
+double required_number(ConfigSection& section, const char* key) {
+  double value = 0.0;
+  section.require(key);
+  section.number(key, value, -unlimited, unlimited);
+  return value;
+}
+
+std::vector<float> required_floats(ConfigSection& section, const char* key) {
+  std::vector<double> values;
+  section.require(key);
+  section.numbers(key, values, -unlimited, unlimited);
+  std::vector<float> floats;
+  for (const double value : values) floats.push_back(static_cast<float>(value));
+  return floats;
+}
+
+toml::table table_of(const RelativeMap& map) {
+  return toml::table{{"columns", map.columns}, {"rows", map.rows}, {"values", array_of(map.values)}};
+}
+
+/// The map under `key`; an empty one where there is none.
+RelativeMap map_of(ConfigSection& section, const char* key) {
+  RelativeMap map;
+  if (auto table = section.table(key)) {
+    for (const char* required : {"columns", "rows"}) table->require(required);
+    table->integer("columns", map.columns, 1, max_map_nodes);
+    table->integer("rows", map.rows, 1, max_map_nodes);
+    map.values = required_floats(*table, "values");
+    table->finish();
+  }
+  return map;
+}
+
+toml::table table_of(const TimingCalibration& timing) {
+  return toml::table{{"display_latency_s", timing.display_latency.count()},
+                     {"display_settling_s", timing.display_settling.count()},
+                     {"control_latency_frames", timing.control_latency_frames},
+                     {"refresh_period_s", timing.refresh_period.count()},
+                     {"exposure_unit_s", timing.exposure_unit.count()}};
 }
 
 }  // namespace
@@ -128,36 +212,6 @@ void divide(Photograph& photograph, const RelativeMap& map) {
   for_each_value(photograph.radiance, map, through);
   for_each_value(photograph.sigma, map, through);
 }
-
-namespace {
-
-constexpr int drive_level_count = 256;
-
-std::size_t full_scale(int bits) {
-  return (std::size_t{1} << bits) - 1;
-}
-
-[[noreturn]] void refuse(const std::string& where, const std::string& what) {
-  throw InputError(where + ": " + what + "; repair that entry or calibrate again");
-}
-
-void require_positive(double value, const char* name, const std::string& where) {
-  if (!(std::isfinite(value) && value > 0.0))
-    refuse(where, std::string(name) + " is " + std::to_string(value) + " and must be above zero");
-}
-
-/// The level whose light above black is nearest to `wanted`.
-std::uint8_t nearest_level(const std::vector<float>& radiance, float wanted) {
-  const float target = radiance.front() + wanted;
-  const auto above = std::ranges::lower_bound(radiance, target);
-  if (above == radiance.begin()) return 0;
-  // The lowest level that emits as much as the level just below the target.
-  const auto below = std::ranges::lower_bound(radiance.begin(), above, *(above - 1));
-  const bool take_below = above == radiance.end() || target - *below <= *above - target;
-  return static_cast<std::uint8_t>((take_below ? below : above) - radiance.begin());
-}
-
-}  // namespace
 
 bool CameraCalibration::is_linear() const {
   for (std::size_t dn = 0; dn < linear_from_dn.size(); ++dn)
@@ -274,68 +328,6 @@ DriveImage uniform_drive(int width, int height, std::uint8_t level) {
 }
 
 // calibration.toml: what camera and monitor are known to do.
-
-namespace fs = std::filesystem;
-
-namespace {
-
-constexpr std::array<const char*, 3> channel_names = {"red", "green", "blue"};
-
-toml::array array_of(const std::vector<float>& values) {
-  toml::array array;
-  for (float value : values) array.push_back(static_cast<double>(value));
-  return array;
-}
-
-constexpr double unlimited = ConfigSection::unlimited;
-constexpr int max_map_nodes = 65536;  // in either direction
-
-ConfigFile open_calibration(const fs::path& path) {
-  return {path, "calibration", "docs/reference/capture-session-format.md"};
-}
-
-double required_number(ConfigSection& section, const char* key) {
-  double value = 0.0;
-  section.require(key);
-  section.number(key, value, -unlimited, unlimited);
-  return value;
-}
-
-std::vector<float> required_floats(ConfigSection& section, const char* key) {
-  std::vector<double> values;
-  section.require(key);
-  section.numbers(key, values, -unlimited, unlimited);
-  std::vector<float> floats;
-  for (const double value : values) floats.push_back(static_cast<float>(value));
-  return floats;
-}
-
-toml::table table_of(const RelativeMap& map) {
-  return toml::table{{"columns", map.columns}, {"rows", map.rows}, {"values", array_of(map.values)}};
-}
-
-/// The map under `key`; an empty one where there is none.
-RelativeMap map_of(ConfigSection& section, const char* key) {
-  RelativeMap map;
-  if (auto table = section.table(key)) {
-    for (const char* required : {"columns", "rows"}) table->require(required);
-    table->integer("columns", map.columns, 1, max_map_nodes);
-    table->integer("rows", map.rows, 1, max_map_nodes);
-    map.values = required_floats(*table, "values");
-    table->finish();
-  }
-  return map;
-}
-
-toml::table table_of(const TimingCalibration& timing) {
-  return toml::table{{"display_latency_s", timing.display_latency.count()},
-                     {"display_settling_s", timing.display_settling.count()},
-                     {"control_latency_frames", timing.control_latency_frames},
-                     {"refresh_period_s", timing.refresh_period.count()},
-                     {"exposure_unit_s", timing.exposure_unit.count()}};
-}
-
-}  // namespace
 
 void write_calibration(const fs::path& path, const CameraCalibration& camera,
                        const std::optional<MonitorCalibration>& monitor,

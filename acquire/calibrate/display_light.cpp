@@ -36,64 +36,6 @@ double projection(const Photograph& light, const Photograph& full, const Photogr
   return bottom > 0.0 ? top / bottom : 0.0;
 }
 
-}  // namespace
-
-std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
-                                 const RunContext& run) {
-  const Metering metering = meter(bench, Seconds(0), run);  // under white
-  constexpr double ratio = 4.0;
-  return exposure_series(bench.camera(), metering.exposure, metering.exposure * std::pow(ratio, count - 1),
-                         count, exposure_unit);
-}
-
-Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
-                      const std::vector<Seconds>& exposures, int repeats, const RunContext& run) {
-  std::vector<RawFrame> frames;
-  for (Seconds exposure : exposures)
-    for (int i = 0; i < repeats; ++i) frames.push_back(bench.frame(exposure, run));
-  return merge_exposures(frames, camera);
-}
-
-ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& camera,
-                             const std::vector<Seconds>& exposures, int step, const RunContext& run) {
-  ToneCurve result;
-  constexpr int repeats = 2;
-  bench.show(0);
-  const Photograph black = photograph(bench, camera, exposures, 2 * repeats, run);
-  Progress progress(run, "measuring tone curves", 3 * (255 / step + 1));
-  for (int c = 0; c < 3; ++c) {
-    bench.show(one_channel(bench.display(), c, 255));
-    const Photograph full = photograph(bench, camera, exposures, 2 * repeats, run);
-    std::vector<double> levels = {0.0};
-    std::vector<double> light = {0.0};
-    for (int level = step; level < 255; level += step) {
-      bench.show(one_channel(bench.display(), c, level));
-      levels.push_back(level);
-      light.push_back(projection(photograph(bench, camera, exposures, repeats, run), full, black));
-      result.falls[c] = std::max(result.falls[c], light[light.size() - 2] - light.back());
-      progress.advance();
-    }
-    levels.push_back(255.0);
-    light.push_back(1.0);
-    for (std::size_t i = 0; i < levels.size(); ++i) result.measured[c].push_back({levels[i], light[i]});
-    constexpr double impossible = 0.05;  // of white
-    if (result.falls[c] > impossible)
-      throw DeviceError(
-          bench.display().name, EIO,
-          std::string("its ") + channel_names[c] + " channel becomes darker by " +
-              std::to_string(100.0 * result.falls[c]) +
-              " % of white from one level to a higher one; turn off dynamic contrast and colour "
-              "management, and let nothing move");
-    for (double& value : light) value = std::clamp(value, 0.0, 1.0);
-    const MonotoneCurve curve(levels, never_falling(light));
-    for (int level = 0; level < 256; ++level)
-      result.light_from_level[c].push_back(static_cast<float>(curve(level)));
-  }
-  return result;
-}
-
-namespace {
-
 constexpr int shots_per_pattern = 4;
 constexpr double beyond_chance = 5.0;  // standard deviations
 
@@ -156,55 +98,6 @@ SuperpositionPair compare(const std::string& name, const Shots& shots) {
   return pair;
 }
 
-}  // namespace
-
-bool Superposition::holds() const {
-  return std::ranges::all_of(pairs, [&](const SuperpositionPair& pair) {
-    return std::abs(pair.error) <= std::max(tolerance, beyond_chance * pair.uncertainty) &&
-           pair.worst_block <= 2.0 * tolerance;
-  });
-}
-
-double Superposition::largest_error() const {
-  double largest = 0.0;
-  for (const SuperpositionPair& pair : pairs)
-    largest = std::max({largest, std::abs(pair.error), pair.worst_block});
-  return largest;
-}
-
-Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
-                                    const std::vector<Seconds>& exposures, double tolerance,
-                                    const RunContext& run) {
-  using Inside = std::function<bool(double, double)>;
-  const std::vector<std::pair<std::string, Inside>> patterns = {
-      {"left and right half", [](double u, double) { return u < 0.5; }},
-      {"upper and lower half", [](double, double v) { return v < 0.5; }},
-      {"squares of a chequerboard",
-       [](double u, double v) { return (static_cast<int>(8 * u) + static_cast<int>(6 * v)) % 2 == 0; }},
-      {"small square and the rest of the screen",
-       [](double u, double v) { return std::abs(u - 0.5) < 0.125 && std::abs(v - 0.5) < 0.125; }}};
-  Superposition result;
-  result.tolerance = tolerance;
-  Progress progress(run, "testing superposition", 2 * patterns.size() + 2);
-  const auto shoot = [&](const Inside& inside) {
-    bench.show(pattern(bench.display(), inside));
-    Photograph shot = photograph(bench, camera, exposures, shots_per_pattern, run);
-    progress.advance();
-    return shot;
-  };
-  const Photograph black = shoot([](double, double) { return false; });
-  const Photograph both = shoot([](double, double) { return true; });
-  for (const auto& [name, pattern_a] : patterns) {
-    const Inside& inside = pattern_a;  // lambdas cannot capture structured bindings
-    const Photograph a = shoot(inside);
-    const Photograph b = shoot([&](double u, double v) { return !inside(u, v); });
-    result.pairs.push_back(compare(name, {a, b, black, both}));
-  }
-  return result;
-}
-
-namespace {
-
 constexpr int frames_per_mean = 8;
 
 Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
@@ -253,6 +146,105 @@ void single_channel(const Photograph& shot, Image& value, Image& weight, double&
 }
 
 }  // namespace
+
+std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
+                                 const RunContext& run) {
+  const Metering metering = meter(bench, Seconds(0), run);  // under white
+  constexpr double ratio = 4.0;
+  return exposure_series(bench.camera(), metering.exposure, metering.exposure * std::pow(ratio, count - 1),
+                         count, exposure_unit);
+}
+
+Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
+                      const std::vector<Seconds>& exposures, int repeats, const RunContext& run) {
+  std::vector<RawFrame> frames;
+  for (Seconds exposure : exposures)
+    for (int i = 0; i < repeats; ++i) frames.push_back(bench.frame(exposure, run));
+  return merge_exposures(frames, camera);
+}
+
+ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& camera,
+                             const std::vector<Seconds>& exposures, int step, const RunContext& run) {
+  ToneCurve result;
+  constexpr int repeats = 2;
+  bench.show(0);
+  const Photograph black = photograph(bench, camera, exposures, 2 * repeats, run);
+  Progress progress(run, "measuring tone curves", 3 * (255 / step + 1));
+  for (int c = 0; c < 3; ++c) {
+    bench.show(one_channel(bench.display(), c, 255));
+    const Photograph full = photograph(bench, camera, exposures, 2 * repeats, run);
+    std::vector<double> levels = {0.0};
+    std::vector<double> light = {0.0};
+    for (int level = step; level < 255; level += step) {
+      bench.show(one_channel(bench.display(), c, level));
+      levels.push_back(level);
+      light.push_back(projection(photograph(bench, camera, exposures, repeats, run), full, black));
+      result.falls[c] = std::max(result.falls[c], light[light.size() - 2] - light.back());
+      progress.advance();
+    }
+    levels.push_back(255.0);
+    light.push_back(1.0);
+    for (std::size_t i = 0; i < levels.size(); ++i) result.measured[c].push_back({levels[i], light[i]});
+    constexpr double impossible = 0.05;  // of white
+    if (result.falls[c] > impossible)
+      throw DeviceError(
+          bench.display().name, EIO,
+          std::string("its ") + channel_names[c] + " channel becomes darker by " +
+              std::to_string(100.0 * result.falls[c]) +
+              " % of white from one level to a higher one; turn off dynamic contrast and colour "
+              "management, and let nothing move");
+    for (double& value : light) value = std::clamp(value, 0.0, 1.0);
+    const MonotoneCurve curve(levels, never_falling(light));
+    for (int level = 0; level < 256; ++level)
+      result.light_from_level[c].push_back(static_cast<float>(curve(level)));
+  }
+  return result;
+}
+
+bool Superposition::holds() const {
+  return std::ranges::all_of(pairs, [&](const SuperpositionPair& pair) {
+    return std::abs(pair.error) <= std::max(tolerance, beyond_chance * pair.uncertainty) &&
+           pair.worst_block <= 2.0 * tolerance;
+  });
+}
+
+double Superposition::largest_error() const {
+  double largest = 0.0;
+  for (const SuperpositionPair& pair : pairs)
+    largest = std::max({largest, std::abs(pair.error), pair.worst_block});
+  return largest;
+}
+
+Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
+                                    const std::vector<Seconds>& exposures, double tolerance,
+                                    const RunContext& run) {
+  using Inside = std::function<bool(double, double)>;
+  const std::vector<std::pair<std::string, Inside>> patterns = {
+      {"left and right half", [](double u, double) { return u < 0.5; }},
+      {"upper and lower half", [](double, double v) { return v < 0.5; }},
+      {"squares of a chequerboard",
+       [](double u, double v) { return (static_cast<int>(8 * u) + static_cast<int>(6 * v)) % 2 == 0; }},
+      {"small square and the rest of the screen",
+       [](double u, double v) { return std::abs(u - 0.5) < 0.125 && std::abs(v - 0.5) < 0.125; }}};
+  Superposition result;
+  result.tolerance = tolerance;
+  Progress progress(run, "testing superposition", 2 * patterns.size() + 2);
+  const auto shoot = [&](const Inside& inside) {
+    bench.show(pattern(bench.display(), inside));
+    Photograph shot = photograph(bench, camera, exposures, shots_per_pattern, run);
+    progress.advance();
+    return shot;
+  };
+  const Photograph black = shoot([](double, double) { return false; });
+  const Photograph both = shoot([](double, double) { return true; });
+  for (const auto& [name, pattern_a] : patterns) {
+    const Inside& inside = pattern_a;  // lambdas cannot capture structured bindings
+    const Photograph a = shoot(inside);
+    const Photograph b = shoot([&](double u, double v) { return !inside(u, v); });
+    result.pairs.push_back(compare(name, {a, b, black, both}));
+  }
+  return result;
+}
 
 UniformityMap measure_flat_field(CalibrationBench& bench, const CameraCalibration& camera,
                                  const std::vector<Seconds>& exposures, const RunContext& run) {

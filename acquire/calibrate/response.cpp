@@ -88,73 +88,6 @@ void fill_table(const ResponseFit& fit, CameraResponse& response) {
   if (response.is_linear) response.linear_from_dn = linear_response(response.bits);
 }
 
-}  // namespace
-
-BlackLevel measure_black_level(CalibrationBench& bench, const RunContext& run) {
-  bench.show(0);
-  BlackLevel result;
-  const Seconds shortest = bench.camera().shortest_exposure;
-  double n = 0.0, t = 0.0, tt = 0.0, b = 0.0, tb = 0.0;  // sums for a straight line
-  for (Seconds exposure : exposure_series(bench.camera(), shortest, 4.0 * shortest, 3, Seconds(0))) {
-    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged, nullptr, {}, 0.0, run);
-    double mean = 0.0, zeros = 0.0;
-    for (float dn : moments.mean) {
-      mean += dn / static_cast<double>(moments.mean.size());
-      zeros += dn < 0.5f;
-    }
-    if (n == 0.0) result.clipped = zeros / static_cast<double>(moments.mean.size());
-    const double time = moments.exposure.count();
-    n += 1.0;
-    t += time;
-    tt += time * time;
-    b += mean;
-    tb += time * mean;
-  }
-  const double spread = n * tt - t * t;
-  result.dn = spread > 0.0 ? std::max(0.0, (b * tt - t * tb) / spread) : b / n;
-  return result;
-}
-
-CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit,
-                                const RunContext& run) {
-  CameraResponse response;
-  response.bits = bench.camera().bits;
-  response.black_level_dn = black.dn;
-  const Metering metering = meter(bench, std::max(Seconds(0.04), 32.0 * exposure_unit), run);
-  bench.show(metering.level);
-  find_saturation(bench, 6.0 * metering.exposure, exposure_unit, response, run);
-  const auto sources = spread_sources(
-      metering, sample_moments(bench, metering.exposure, frames_averaged, nullptr, {}, 0.0, run).mean);
-  std::vector<ResponseDatum> data;
-  // A second, darker level fills the gaps between exposures that are whole multiples of a period.
-  constexpr double darker = 0.88;
-  for (const double level : {1.0, darker}) {
-    bench.show(static_cast<std::uint8_t>(std::round(level * metering.level)));
-    const int first = level < 1.0 ? static_cast<int>(sources.size()) : 0;
-    add_series(bench, metering, sources, first, exposure_unit, response, data, run);
-  }
-  const ResponseFit fit = fit_response(data, response.black_level_dn, response.saturation_dn);
-  response.residual = fit.residual;
-  if (fit.residual > largest_residual)
-    throw DeviceError(bench.camera().name, EIO,
-                      "brightness does not follow exposure: samples scatter by " +
-                          std::to_string(100.0 * fit.residual) +
-                          " % of the range about any response curve; turn off automatic exposure and gain, "
-                          "tone mapping and local contrast, and check that nothing moves");
-  fill_table(fit, response);
-  const MonotoneCurve curve(fit.dn, fit.light);
-  response.darkest_share = 1.0;
-  for (std::size_t i = 0; i < data.size(); ++i) {
-    response.darkest_share = std::min(response.darkest_share, curve(data[i].dn));
-    if (i % std::max<std::size_t>(1, data.size() / 200) == 0)
-      response.points.push_back({data[i].dn, curve(data[i].dn)});
-  }
-  std::ranges::sort(response.points);
-  return response;
-}
-
-namespace {
-
 constexpr int knots = 49;
 constexpr double smoothness = 60.0;   // times the data's weight at a knot: smooths over two or three knots
 constexpr double model_error = 3e-4;  // of the range: exposures are not exact, either
@@ -241,36 +174,6 @@ class ResponseSystem {
   Eigen::MatrixXd normal_;
   std::vector<double> light_;
 };
-
-}  // namespace
-
-ResponseFit fit_response(const std::vector<ResponseDatum>& data, double black_dn, double saturation_dn) {
-  double highest = black_dn;
-  for (const ResponseDatum& datum : data) highest = std::max(highest, datum.dn);
-  constexpr std::size_t fewest = 4 * knots;
-  if (data.size() < fewest || highest - black_dn < 0.5 * (saturation_dn - black_dn))
-    throw InputError("the camera's response cannot be fitted: " + std::to_string(data.size()) +
-                     " samples reach from black at " + std::to_string(black_dn) + " DN to " +
-                     std::to_string(highest) + " DN, of a range to " + std::to_string(saturation_dn) +
-                     " DN; give it more light or a wider range of exposures");
-  ResponseFit fit;
-  for (int k = 0; k < knots; ++k) fit.dn.push_back(black_dn + (saturation_dn - black_dn) * k / (knots - 1.0));
-  ResponseSystem system(data, fit.dn);
-  std::vector<double> weights(data.size(), 1.0);
-  for (int round = 0; round <= reweightings; ++round) {
-    system.solve(weights);
-    for (std::size_t i = 0; i < data.size(); ++i)
-      weights[i] = 1.0 / (data[i].variance * system.slope(i) * system.slope(i) + model_error * model_error);
-  }
-  double squares = 0.0;
-  for (std::size_t i = 0; i < data.size(); ++i)
-    squares += std::pow(system.measured(i) - system.predicted(i), 2) / static_cast<double>(data.size());
-  fit.residual = std::sqrt(squares);
-  fit.light = never_falling(system.curve());
-  return fit;
-}
-
-namespace {
 
 constexpr int noise_frames = 12;
 constexpr int photon_transfer_exposures = 10;
@@ -386,6 +289,95 @@ std::vector<Bin> lit_variances(CalibrationBench& bench, const Metering& metering
 }
 
 }  // namespace
+
+BlackLevel measure_black_level(CalibrationBench& bench, const RunContext& run) {
+  bench.show(0);
+  BlackLevel result;
+  const Seconds shortest = bench.camera().shortest_exposure;
+  double n = 0.0, t = 0.0, tt = 0.0, b = 0.0, tb = 0.0;  // sums for a straight line
+  for (Seconds exposure : exposure_series(bench.camera(), shortest, 4.0 * shortest, 3, Seconds(0))) {
+    const SampleMoments moments = sample_moments(bench, exposure, frames_averaged, nullptr, {}, 0.0, run);
+    double mean = 0.0, zeros = 0.0;
+    for (float dn : moments.mean) {
+      mean += dn / static_cast<double>(moments.mean.size());
+      zeros += dn < 0.5f;
+    }
+    if (n == 0.0) result.clipped = zeros / static_cast<double>(moments.mean.size());
+    const double time = moments.exposure.count();
+    n += 1.0;
+    t += time;
+    tt += time * time;
+    b += mean;
+    tb += time * mean;
+  }
+  const double spread = n * tt - t * t;
+  result.dn = spread > 0.0 ? std::max(0.0, (b * tt - t * tb) / spread) : b / n;
+  return result;
+}
+
+CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black, Seconds exposure_unit,
+                                const RunContext& run) {
+  CameraResponse response;
+  response.bits = bench.camera().bits;
+  response.black_level_dn = black.dn;
+  const Metering metering = meter(bench, std::max(Seconds(0.04), 32.0 * exposure_unit), run);
+  bench.show(metering.level);
+  find_saturation(bench, 6.0 * metering.exposure, exposure_unit, response, run);
+  const auto sources = spread_sources(
+      metering, sample_moments(bench, metering.exposure, frames_averaged, nullptr, {}, 0.0, run).mean);
+  std::vector<ResponseDatum> data;
+  // A second, darker level fills the gaps between exposures that are whole multiples of a period.
+  constexpr double darker = 0.88;
+  for (const double level : {1.0, darker}) {
+    bench.show(static_cast<std::uint8_t>(std::round(level * metering.level)));
+    const int first = level < 1.0 ? static_cast<int>(sources.size()) : 0;
+    add_series(bench, metering, sources, first, exposure_unit, response, data, run);
+  }
+  const ResponseFit fit = fit_response(data, response.black_level_dn, response.saturation_dn);
+  response.residual = fit.residual;
+  if (fit.residual > largest_residual)
+    throw DeviceError(bench.camera().name, EIO,
+                      "brightness does not follow exposure: samples scatter by " +
+                          std::to_string(100.0 * fit.residual) +
+                          " % of the range about any response curve; turn off automatic exposure and gain, "
+                          "tone mapping and local contrast, and check that nothing moves");
+  fill_table(fit, response);
+  const MonotoneCurve curve(fit.dn, fit.light);
+  response.darkest_share = 1.0;
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    response.darkest_share = std::min(response.darkest_share, curve(data[i].dn));
+    if (i % std::max<std::size_t>(1, data.size() / 200) == 0)
+      response.points.push_back({data[i].dn, curve(data[i].dn)});
+  }
+  std::ranges::sort(response.points);
+  return response;
+}
+
+ResponseFit fit_response(const std::vector<ResponseDatum>& data, double black_dn, double saturation_dn) {
+  double highest = black_dn;
+  for (const ResponseDatum& datum : data) highest = std::max(highest, datum.dn);
+  constexpr std::size_t fewest = 4 * knots;
+  if (data.size() < fewest || highest - black_dn < 0.5 * (saturation_dn - black_dn))
+    throw InputError("the camera's response cannot be fitted: " + std::to_string(data.size()) +
+                     " samples reach from black at " + std::to_string(black_dn) + " DN to " +
+                     std::to_string(highest) + " DN, of a range to " + std::to_string(saturation_dn) +
+                     " DN; give it more light or a wider range of exposures");
+  ResponseFit fit;
+  for (int k = 0; k < knots; ++k) fit.dn.push_back(black_dn + (saturation_dn - black_dn) * k / (knots - 1.0));
+  ResponseSystem system(data, fit.dn);
+  std::vector<double> weights(data.size(), 1.0);
+  for (int round = 0; round <= reweightings; ++round) {
+    system.solve(weights);
+    for (std::size_t i = 0; i < data.size(); ++i)
+      weights[i] = 1.0 / (data[i].variance * system.slope(i) * system.slope(i) + model_error * model_error);
+  }
+  double squares = 0.0;
+  for (std::size_t i = 0; i < data.size(); ++i)
+    squares += std::pow(system.measured(i) - system.predicted(i), 2) / static_cast<double>(data.size());
+  fit.residual = std::sqrt(squares);
+  fit.light = never_falling(system.curve());
+  return fit;
+}
 
 PhotonTransfer measure_photon_transfer(CalibrationBench& bench, const Metering& metering,
                                        const CameraResponse& response, Seconds exposure_unit,

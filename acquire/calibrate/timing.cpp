@@ -54,38 +54,6 @@ int frames_until(const std::vector<double>& levels, double from) {
   return last + 1;
 }
 
-}  // namespace
-
-ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering,
-                                       const RunContext& run) {
-  const Seconds longer = metering.exposure;
-  const Seconds shorter = std::max(bench.camera().shortest_exposure, longer / step_ratio);
-  bench.show(metering.level);
-  bench.frame(shorter, run);  // waits until the light stands still
-  const auto dark_first = levels_after(bench, metering, shorter, run);
-  ControlLatency result;
-  result.level_dn = levels_after(bench, metering, longer, run);
-  const auto down = levels_after(bench, metering, shorter, run);
-  result.expected_ratio = longer / shorter;
-  const double low = end_of(dark_first);
-  const double high = end_of(result.level_dn);
-  result.seen_ratio = (high - metering.dark_dn) / std::max(1e-9, low - metering.dark_dn);
-  // The response may bend: an exposure four times as long is rarely four times as bright in DN, but brighter.
-  if (low - metering.dark_dn > 0.0 && result.seen_ratio < 1.0 + 0.1 * (result.expected_ratio - 1.0))
-    throw DeviceError(bench.camera().name, EIO,
-                      "ignores its exposure: " + std::to_string(longer.count()) + " s is as bright as " +
-                          std::to_string(shorter.count()) +
-                          " s; turn off automatic exposure and gain, and dynamic frame rate");
-  result.frames = std::max(frames_until(result.level_dn, low), frames_until(down, high));
-  if (result.frames > frames_watched - 2 * frames_compared)
-    throw DeviceError(bench.camera().name, EIO,
-                      "is still changing its brightness " + std::to_string(frames_watched) +
-                          " frames after its exposure was set; turn off automatic exposure and gain");
-  return result;
-}
-
-namespace {
-
 constexpr int flips_each_way = 14;
 constexpr double settled_within = 0.01;
 
@@ -133,89 +101,6 @@ double linear_mean(const RawFrame& frame, const Metering& metering, const Camera
   for (auto s : metering.lit) sum += response.linear_from_dn[frame.samples[s]];
   return sum / static_cast<double>(metering.lit.size());
 }
-
-}  // namespace
-
-DisplayTransition fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest,
-                                   double tolerance) {
-  double latency = 0.0;
-  double settling = 1e-4;
-  double best = squared_error(frames, latency, settling);
-  const auto consider = [&](double l, double s) {
-    if (l < 0.0 || s < 1e-4 || l + s > longest.count()) return false;
-    const double error = squared_error(frames, l, s);
-    if (!(error < best)) return false;
-    best = error;
-    latency = l;
-    settling = s;
-    return true;
-  };
-  const double coarse = longest.count() / 100.0;
-  for (int i = 0; i <= 100; ++i)
-    for (int j = 0; j <= 100 - i; ++j) consider(i * coarse, std::max(1e-4, j * coarse));
-  for (double step = coarse; step > 1e-6;) {  // both ends of the ramp, one at a time and together
-    const bool better = consider(latency + step, settling - step) ||
-                        consider(latency - step, settling + step) || consider(latency, settling + step) ||
-                        consider(latency, settling - step) || consider(latency + step, settling) ||
-                        consider(latency - step, settling);
-    if (!better) step /= 2.0;
-  }
-  double end = latency + settling;
-  for (const ChangeFrame& frame : frames)
-    if (std::abs(frame.share - 1.0) > tolerance)
-      end = std::max(end, std::min(frame.start_s, longest.count()));
-  return {Seconds(latency), Seconds(end - latency), std::sqrt(best / static_cast<double>(frames.size()))};
-}
-
-DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraResponse& response,
-                                     Seconds exposure_unit, const RunContext& run) {
-  const Metering metering = meter(bench, std::max(3.0 * bench.camera().frame_interval, Seconds(0.1)), run);
-  const auto exposures = exposure_series(bench.camera(), metering.exposure / 24.0, metering.exposure,
-                                         flips_each_way, exposure_unit);
-  DisplayTiming result;
-  Progress progress(run, "measuring display latency", exposures.size());
-  double noise = 0.0;
-  for (Seconds exposure : exposures) {
-    bench.show(0);
-    bench.frame(exposure, run);  // black has settled, and so has the exposure
-    bench.set_exposure(exposure);
-    const Series rise = frames_across(bench, metering.level, exposure, run);
-    const Series fall = frames_across(bench, 0, exposure, run);
-    const double light = linear_mean(rise.frames.back(), metering, response);
-    const double dark = linear_mean(fall.frames.back(), metering, response);
-    if (light - dark < 1.0)
-      throw DeviceError(bench.display().name, EIO,
-                        "shows no change of light within " + std::to_string(bench.patience().count()) +
-                            " s of a flip; give a longer --patience");
-    noise = std::max(noise, 1.0 / std::max(1.0, light - dark));  // a DN
-    const auto collect = [&](const Series& series, double from, double to, std::vector<ChangeFrame>& into) {
-      for (const RawFrame& frame : series.frames) {
-        const double start = Seconds(frame.exposure_start - series.flip).count();
-        if (start + frame.exposure.count() > 0.0)
-          into.push_back(
-              {start, frame.exposure.count(), (linear_mean(frame, metering, response) - from) / (to - from)});
-      }
-    };
-    collect(rise, dark, light, result.rising);
-    collect(fall, light, dark, result.falling);
-    progress.advance();
-  }
-  const double tolerance = std::max(settled_within, 4.0 * noise);
-  result.rise = fit_light_change(result.rising, bench.patience(), tolerance);
-  result.fall = fit_light_change(result.falling, bench.patience(), tolerance);
-  result.latency = std::min(result.rise.latency, result.fall.latency);
-  result.settling =
-      std::max(result.rise.latency + result.rise.settling, result.fall.latency + result.fall.settling) -
-      result.latency;
-  if (result.latency + result.settling > 0.9 * bench.patience())
-    throw DeviceError(bench.display().name, EIO,
-                      "is still changing " + std::to_string(bench.patience().count()) +
-                          " s after a flip; give a longer --patience, and turn off the display's own fading, "
-                          "dynamic contrast and power saving");
-  return result;
-}
-
-namespace {
 
 constexpr int frames_taken = 72;
 constexpr double lowest_hz = 20.0;
@@ -331,7 +216,127 @@ void analyse(Banding& banding) {
   std::ranges::sort(banding.deviation);
 }
 
+/// Lit samples without those that may clip at the metered exposure, whose share falls with the exposure as if
+/// light flickered. Where the sensor saturates is not known yet.
+std::vector<std::uint32_t> unclipped(CalibrationBench& bench, const Metering& metering,
+                                     const RunContext& run) {
+  const RawFrame frame = bench.frame(metering.exposure, run);
+  const double limit = 0.8 * *std::ranges::max_element(frame.samples);
+  std::vector<std::uint32_t> samples;
+  for (const std::uint32_t s : metering.lit)
+    if (frame.samples[s] < limit) samples.push_back(s);
+  // Of an even card most samples are near the maximum, and none clips.
+  return 2 * samples.size() < metering.lit.size() ? metering.lit : samples;
+}
+
 }  // namespace
+
+ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& metering,
+                                       const RunContext& run) {
+  const Seconds longer = metering.exposure;
+  const Seconds shorter = std::max(bench.camera().shortest_exposure, longer / step_ratio);
+  bench.show(metering.level);
+  bench.frame(shorter, run);  // waits until the light stands still
+  const auto dark_first = levels_after(bench, metering, shorter, run);
+  ControlLatency result;
+  result.level_dn = levels_after(bench, metering, longer, run);
+  const auto down = levels_after(bench, metering, shorter, run);
+  result.expected_ratio = longer / shorter;
+  const double low = end_of(dark_first);
+  const double high = end_of(result.level_dn);
+  result.seen_ratio = (high - metering.dark_dn) / std::max(1e-9, low - metering.dark_dn);
+  // The response may bend: an exposure four times as long is rarely four times as bright in DN, but brighter.
+  if (low - metering.dark_dn > 0.0 && result.seen_ratio < 1.0 + 0.1 * (result.expected_ratio - 1.0))
+    throw DeviceError(bench.camera().name, EIO,
+                      "ignores its exposure: " + std::to_string(longer.count()) + " s is as bright as " +
+                          std::to_string(shorter.count()) +
+                          " s; turn off automatic exposure and gain, and dynamic frame rate");
+  result.frames = std::max(frames_until(result.level_dn, low), frames_until(down, high));
+  if (result.frames > frames_watched - 2 * frames_compared)
+    throw DeviceError(bench.camera().name, EIO,
+                      "is still changing its brightness " + std::to_string(frames_watched) +
+                          " frames after its exposure was set; turn off automatic exposure and gain");
+  return result;
+}
+
+DisplayTransition fit_light_change(const std::vector<ChangeFrame>& frames, Seconds longest,
+                                   double tolerance) {
+  double latency = 0.0;
+  double settling = 1e-4;
+  double best = squared_error(frames, latency, settling);
+  const auto consider = [&](double l, double s) {
+    if (l < 0.0 || s < 1e-4 || l + s > longest.count()) return false;
+    const double error = squared_error(frames, l, s);
+    if (!(error < best)) return false;
+    best = error;
+    latency = l;
+    settling = s;
+    return true;
+  };
+  const double coarse = longest.count() / 100.0;
+  for (int i = 0; i <= 100; ++i)
+    for (int j = 0; j <= 100 - i; ++j) consider(i * coarse, std::max(1e-4, j * coarse));
+  for (double step = coarse; step > 1e-6;) {  // both ends of the ramp, one at a time and together
+    const bool better = consider(latency + step, settling - step) ||
+                        consider(latency - step, settling + step) || consider(latency, settling + step) ||
+                        consider(latency, settling - step) || consider(latency + step, settling) ||
+                        consider(latency - step, settling);
+    if (!better) step /= 2.0;
+  }
+  double end = latency + settling;
+  for (const ChangeFrame& frame : frames)
+    if (std::abs(frame.share - 1.0) > tolerance)
+      end = std::max(end, std::min(frame.start_s, longest.count()));
+  return {Seconds(latency), Seconds(end - latency), std::sqrt(best / static_cast<double>(frames.size()))};
+}
+
+DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraResponse& response,
+                                     Seconds exposure_unit, const RunContext& run) {
+  const Metering metering = meter(bench, std::max(3.0 * bench.camera().frame_interval, Seconds(0.1)), run);
+  const auto exposures = exposure_series(bench.camera(), metering.exposure / 24.0, metering.exposure,
+                                         flips_each_way, exposure_unit);
+  DisplayTiming result;
+  Progress progress(run, "measuring display latency", exposures.size());
+  double noise = 0.0;
+  for (Seconds exposure : exposures) {
+    bench.show(0);
+    bench.frame(exposure, run);  // black has settled, and so has the exposure
+    bench.set_exposure(exposure);
+    const Series rise = frames_across(bench, metering.level, exposure, run);
+    const Series fall = frames_across(bench, 0, exposure, run);
+    const double light = linear_mean(rise.frames.back(), metering, response);
+    const double dark = linear_mean(fall.frames.back(), metering, response);
+    if (light - dark < 1.0)
+      throw DeviceError(bench.display().name, EIO,
+                        "shows no change of light within " + std::to_string(bench.patience().count()) +
+                            " s of a flip; give a longer --patience");
+    noise = std::max(noise, 1.0 / std::max(1.0, light - dark));  // a DN
+    const auto collect = [&](const Series& series, double from, double to, std::vector<ChangeFrame>& into) {
+      for (const RawFrame& frame : series.frames) {
+        const double start = Seconds(frame.exposure_start - series.flip).count();
+        if (start + frame.exposure.count() > 0.0)
+          into.push_back(
+              {start, frame.exposure.count(), (linear_mean(frame, metering, response) - from) / (to - from)});
+      }
+    };
+    collect(rise, dark, light, result.rising);
+    collect(fall, light, dark, result.falling);
+    progress.advance();
+  }
+  const double tolerance = std::max(settled_within, 4.0 * noise);
+  result.rise = fit_light_change(result.rising, bench.patience(), tolerance);
+  result.fall = fit_light_change(result.falling, bench.patience(), tolerance);
+  result.latency = std::min(result.rise.latency, result.fall.latency);
+  result.settling =
+      std::max(result.rise.latency + result.rise.settling, result.fall.latency + result.fall.settling) -
+      result.latency;
+  if (result.latency + result.settling > 0.9 * bench.patience())
+    throw DeviceError(bench.display().name, EIO,
+                      "is still changing " + std::to_string(bench.patience().count()) +
+                          " s after a flip; give a longer --patience, and turn off the display's own fading, "
+                          "dynamic contrast and power saving");
+  return result;
+}
 
 double Ripple::error_at(Seconds exposure) const {
   const double turns = std::numbers::pi * hz * exposure.count();
@@ -391,23 +396,6 @@ Seconds common_period(const std::vector<Seconds>& differences) {
   }
   return Seconds(0);
 }
-
-namespace {
-
-/// Lit samples without those that may clip at the metered exposure, whose share falls with the exposure as if
-/// light flickered. Where the sensor saturates is not known yet.
-std::vector<std::uint32_t> unclipped(CalibrationBench& bench, const Metering& metering,
-                                     const RunContext& run) {
-  const RawFrame frame = bench.frame(metering.exposure, run);
-  const double limit = 0.8 * *std::ranges::max_element(frame.samples);
-  std::vector<std::uint32_t> samples;
-  for (const std::uint32_t s : metering.lit)
-    if (frame.samples[s] < limit) samples.push_back(s);
-  // Of an even card most samples are near the maximum, and none clips.
-  return 2 * samples.size() < metering.lit.size() ? metering.lit : samples;
-}
-
-}  // namespace
 
 Banding measure_banding(CalibrationBench& bench, const Metering& metering, double black_dn,
                         const RunContext& run) {

@@ -62,6 +62,46 @@ const char* name_of(MaskSource::Kind kind) {
   throw InputError("unknown mask source");
 }
 
+constexpr double head_room = 0.9;  // of saturation: a sample brighter than metered must not clip at once
+
+/// What a sample of the camera can hold and adds, in electrons.
+struct Well {
+  double saturation;
+  double floor_variance;
+};
+
+Well well_of(const CameraCalibration& calibration, double gain) {
+  const double per_dn = calibration.electrons_per_dn / gain;
+  const auto top = static_cast<std::size_t>(calibration.saturation_dn);
+  return {(calibration.linear_from_dn[top] - calibration.black_level_dn) * per_dn,
+          calibration.read_noise_electrons * calibration.read_noise_electrons + per_dn * per_dn / 12.0};
+}
+
+/// What exposures are whole multiples of; 0: anything.
+Seconds unit_of(const ExposurePlanOptions& options, const CameraDescription& camera) {
+  return options.multiple_of.count() > 0.0 ? options.multiple_of : camera.exposure_step;
+}
+
+Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const CameraDescription& camera) {
+  if (!camera.exposures.empty()) {
+    const auto above = std::ranges::upper_bound(camera.exposures, time);
+    return above == camera.exposures.begin() ? *above : *(above - 1);
+  }
+  const Seconds unit = unit_of(options, camera);
+  if (unit.count() > 0.0) {
+    constexpr double rounding = 1e-9;
+    time = unit * std::max(1.0, std::floor(time / unit + rounding));
+  }
+  return std::clamp(time, camera.shortest_exposure, camera.longest_exposure);
+}
+
+/// A value that was measured, not one between two: it names a pixel's radiance. Reorders `values`.
+double value_at_quantile(std::vector<float>& values, double q) {
+  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+  std::ranges::nth_element(values, values.begin() + rank);
+  return values[rank];
+}
+
 }  // namespace
 
 void CaptureRequest::check(const CameraDescription& described, const IlluminatorDescription& display,
@@ -187,50 +227,6 @@ std::vector<Seconds> exposures_of_plan(const std::filesystem::path& plan) {
 }
 
 // Exposures planned from the scene's dynamic range and the camera's noise.
-
-namespace {
-
-constexpr double head_room = 0.9;  // of saturation: a sample brighter than metered must not clip at once
-
-/// What a sample of the camera can hold and adds, in electrons.
-struct Well {
-  double saturation;
-  double floor_variance;
-};
-
-Well well_of(const CameraCalibration& calibration, double gain) {
-  const double per_dn = calibration.electrons_per_dn / gain;
-  const auto top = static_cast<std::size_t>(calibration.saturation_dn);
-  return {(calibration.linear_from_dn[top] - calibration.black_level_dn) * per_dn,
-          calibration.read_noise_electrons * calibration.read_noise_electrons + per_dn * per_dn / 12.0};
-}
-
-/// What exposures are whole multiples of; 0: anything.
-Seconds unit_of(const ExposurePlanOptions& options, const CameraDescription& camera) {
-  return options.multiple_of.count() > 0.0 ? options.multiple_of : camera.exposure_step;
-}
-
-Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const CameraDescription& camera) {
-  if (!camera.exposures.empty()) {
-    const auto above = std::ranges::upper_bound(camera.exposures, time);
-    return above == camera.exposures.begin() ? *above : *(above - 1);
-  }
-  const Seconds unit = unit_of(options, camera);
-  if (unit.count() > 0.0) {
-    constexpr double rounding = 1e-9;
-    time = unit * std::max(1.0, std::floor(time / unit + rounding));
-  }
-  return std::clamp(time, camera.shortest_exposure, camera.longest_exposure);
-}
-
-/// A value that was measured, not one between two: it names a pixel's radiance. Reorders `values`.
-double value_at_quantile(std::vector<float>& values, double q) {
-  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, values.begin() + rank);
-  return values[rank];
-}
-
-}  // namespace
 
 SceneRange meter_range(const CameraDescription& camera, const CameraCalibration& calibration,
                        const Probe& probe) {

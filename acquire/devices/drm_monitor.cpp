@@ -72,6 +72,64 @@ void add_connectors_of(const fs::path& card, std::vector<DrmConnectorInfo>& foun
   ::close(descriptor);
 }
 
+using Property = std::unique_ptr<drmModePropertyRes, decltype(&drmModeFreeProperty)>;
+
+/// Calls use(property, value) for each property of an object.
+template <class Use>
+void for_each_property(int descriptor, std::uint32_t object, std::uint32_t type, const Use& use) {
+  const std::unique_ptr<drmModeObjectProperties, decltype(&drmModeFreeObjectProperties)> properties(
+      drmModeObjectGetProperties(descriptor, object, type), drmModeFreeObjectProperties);
+  for (std::uint32_t i = 0; properties && i < properties->count_props; ++i) {
+    const Property property(drmModeGetProperty(descriptor, properties->props[i]), drmModeFreeProperty);
+    if (property) use(*property, properties->prop_values[i]);
+  }
+}
+
+class Commit {
+ public:
+  explicit Commit(int descriptor)
+      : descriptor_(descriptor), request_(drmModeAtomicAlloc(), drmModeAtomicFree) {}
+
+  /// Properties that the driver does not have are left out.
+  void put(std::uint32_t object, std::uint32_t type, std::string_view name, std::uint64_t value) {
+    for_each_property(descriptor_, object, type, [&](const drmModePropertyRes& property, std::uint64_t) {
+      if (name == property.name) drmModeAtomicAddProperty(request_.get(), object, property.prop_id, value);
+    });
+  }
+  void put_choice(std::uint32_t object, std::uint32_t type, std::string_view name, std::string_view choice) {
+    for_each_property(descriptor_, object, type, [&](const drmModePropertyRes& property, std::uint64_t) {
+      if (name != property.name) return;
+      for (int i = 0; i < property.count_enums; ++i)
+        if (choice == property.enums[i].name)
+          drmModeAtomicAddProperty(request_.get(), object, property.prop_id, property.enums[i].value);
+    });
+  }
+  int make(std::uint32_t flags, void* event) {
+    return drmModeAtomicCommit(descriptor_, request_.get(), flags, event) == 0 ? 0 : errno;
+  }
+
+ private:
+  int descriptor_;
+  std::unique_ptr<drmModeAtomicReq, decltype(&drmModeAtomicFree)> request_;
+};
+
+constexpr Seconds longest_flip{2.0};
+constexpr int poll_ms = 100;
+
+template <class T>
+using Owned = std::unique_ptr<T, void (*)(T*)>;
+
+Owned<drmModeConnector> connector_now(int descriptor, std::uint32_t id, bool probe) {
+  return {probe ? drmModeGetConnector(descriptor, id) : drmModeGetConnectorCurrent(descriptor, id),
+          drmModeFreeConnector};
+}
+
+void note_flip(int /*descriptor*/, unsigned /*sequence*/, unsigned seconds, unsigned microseconds,
+               unsigned /*crtc*/, void* event) {
+  *static_cast<std::optional<TimePoint>*>(event) =
+      TimePoint(std::chrono::seconds(seconds) + std::chrono::microseconds(microseconds));
+}
+
 }  // namespace
 
 std::string DrmModeInfo::text() const {
@@ -124,51 +182,6 @@ std::size_t find_drm_mode(const DrmConnectorInfo& connector, const std::string& 
   throw InputError(connector.name + ": has no mode '" + text + "'; it has" + list);
 }
 
-namespace {
-
-using Property = std::unique_ptr<drmModePropertyRes, decltype(&drmModeFreeProperty)>;
-
-/// Calls use(property, value) for each property of an object.
-template <class Use>
-void for_each_property(int descriptor, std::uint32_t object, std::uint32_t type, const Use& use) {
-  const std::unique_ptr<drmModeObjectProperties, decltype(&drmModeFreeObjectProperties)> properties(
-      drmModeObjectGetProperties(descriptor, object, type), drmModeFreeObjectProperties);
-  for (std::uint32_t i = 0; properties && i < properties->count_props; ++i) {
-    const Property property(drmModeGetProperty(descriptor, properties->props[i]), drmModeFreeProperty);
-    if (property) use(*property, properties->prop_values[i]);
-  }
-}
-
-class Commit {
- public:
-  explicit Commit(int descriptor)
-      : descriptor_(descriptor), request_(drmModeAtomicAlloc(), drmModeAtomicFree) {}
-
-  /// Properties that the driver does not have are left out.
-  void put(std::uint32_t object, std::uint32_t type, std::string_view name, std::uint64_t value) {
-    for_each_property(descriptor_, object, type, [&](const drmModePropertyRes& property, std::uint64_t) {
-      if (name == property.name) drmModeAtomicAddProperty(request_.get(), object, property.prop_id, value);
-    });
-  }
-  void put_choice(std::uint32_t object, std::uint32_t type, std::string_view name, std::string_view choice) {
-    for_each_property(descriptor_, object, type, [&](const drmModePropertyRes& property, std::uint64_t) {
-      if (name != property.name) return;
-      for (int i = 0; i < property.count_enums; ++i)
-        if (choice == property.enums[i].name)
-          drmModeAtomicAddProperty(request_.get(), object, property.prop_id, property.enums[i].value);
-    });
-  }
-  int make(std::uint32_t flags, void* event) {
-    return drmModeAtomicCommit(descriptor_, request_.get(), flags, event) == 0 ? 0 : errno;
-  }
-
- private:
-  int descriptor_;
-  std::unique_ptr<drmModeAtomicReq, decltype(&drmModeAtomicFree)> request_;
-};
-
-}  // namespace
-
 std::uint32_t primary_plane(int descriptor, std::uint32_t crtc_index) {
   const std::unique_ptr<drmModePlaneRes, decltype(&drmModeFreePlaneResources)> planes(
       drmModeGetPlaneResources(descriptor), drmModeFreePlaneResources);
@@ -216,27 +229,6 @@ int commit_flip(int descriptor, const DrmPipeline& pipeline, std::uint32_t frame
   // Not "nonblocking": a commit that is still on its way is waited for instead of refused.
   return commit.make(DRM_MODE_PAGE_FLIP_EVENT, event);
 }
-
-namespace {
-
-constexpr Seconds longest_flip{2.0};
-constexpr int poll_ms = 100;
-
-template <class T>
-using Owned = std::unique_ptr<T, void (*)(T*)>;
-
-Owned<drmModeConnector> connector_now(int descriptor, std::uint32_t id, bool probe) {
-  return {probe ? drmModeGetConnector(descriptor, id) : drmModeGetConnectorCurrent(descriptor, id),
-          drmModeFreeConnector};
-}
-
-void note_flip(int /*descriptor*/, unsigned /*sequence*/, unsigned seconds, unsigned microseconds,
-               unsigned /*crtc*/, void* event) {
-  *static_cast<std::optional<TimePoint>*>(event) =
-      TimePoint(std::chrono::seconds(seconds) + std::chrono::microseconds(microseconds));
-}
-
-}  // namespace
 
 DrmDevice::DrmDevice(const DrmConnectorInfo& connector, std::size_t mode)
     : connector_(connector), mode_(mode), descriptor_(::open(connector.card.c_str(), O_RDWR | O_CLOEXEC)) {

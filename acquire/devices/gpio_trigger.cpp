@@ -64,6 +64,16 @@ timespec timespec_of(Seconds s) {
   return {static_cast<time_t>(whole / 1'000'000'000), static_cast<long>(whole % 1'000'000'000)};
 }
 
+template <class Line>
+std::optional<Line> opened(const std::optional<GpioLineAddress>& address, const auto&... more) {
+  return address ? std::optional<Line>(std::in_place, *address, more...) : std::nullopt;
+}
+
+GpioTriggerOptions checked(const GpioTriggerOptions& options) {
+  options.check();
+  return options;
+}
+
 }  // namespace
 
 std::string GpioLineAddress::text() const {
@@ -165,20 +175,6 @@ std::vector<GpioChipInfo> find_gpio_chips() {
   std::ranges::sort(chips, {}, &GpioChipInfo::path);
   return chips;
 }
-
-namespace {
-
-template <class Line>
-std::optional<Line> opened(const std::optional<GpioLineAddress>& address, const auto&... more) {
-  return address ? std::optional<Line>(std::in_place, *address, more...) : std::nullopt;
-}
-
-GpioTriggerOptions checked(const GpioTriggerOptions& options) {
-  options.check();
-  return options;
-}
-
-}  // namespace
 
 void GpioTriggerOptions::check() const {
   if (!(pulse_width.count() > 0.0 && pulse_width.count() <= 1.0))

@@ -57,25 +57,6 @@ bool decode(jpeg_decompress_struct& decoder, std::span<const std::uint8_t> jpeg,
   return errors.num_warnings == 0;  // a torn frame is filled with grey and warned of
 }
 
-}  // namespace
-
-std::vector<std::uint16_t> decode_jpeg_frame(std::span<const std::uint8_t> jpeg, int width, int height,
-                                             const std::string& device) {
-  JpegErrors errors;
-  jpeg_std_error(&errors);
-  errors.output_message = keep_message;
-  errors.error_exit = escape_from;
-  jpeg_decompress_struct decoder{};
-  decoder.err = &errors;
-  std::vector<std::uint8_t> bytes(std::size_t{3} * width * height);
-  const bool complete = decode(decoder, jpeg, width, height, bytes.data());
-  jpeg_destroy_decompress(&decoder);
-  if (!complete) throw DeviceError(device, EIO, std::string("sent a damaged MJPEG frame: ") + errors.message);
-  return {bytes.begin(), bytes.end()};
-}
-
-namespace {
-
 using Samples = std::vector<std::uint16_t>;
 using Line = const std::uint8_t*;
 using enum PixelLayout;
@@ -197,6 +178,21 @@ void check_window(const FrameWindow& window, const PixelFormat& format, int widt
 }
 
 }  // namespace
+
+std::vector<std::uint16_t> decode_jpeg_frame(std::span<const std::uint8_t> jpeg, int width, int height,
+                                             const std::string& device) {
+  JpegErrors errors;
+  jpeg_std_error(&errors);
+  errors.output_message = keep_message;
+  errors.error_exit = escape_from;
+  jpeg_decompress_struct decoder{};
+  decoder.err = &errors;
+  std::vector<std::uint8_t> bytes(std::size_t{3} * width * height);
+  const bool complete = decode(decoder, jpeg, width, height, bytes.data());
+  jpeg_destroy_decompress(&decoder);
+  if (!complete) throw DeviceError(device, EIO, std::string("sent a damaged MJPEG frame: ") + errors.message);
+  return {bytes.begin(), bytes.end()};
+}
 
 bool PixelFormat::is_raw() const {
   return packing != yuyv && packing != mjpeg && layout != rgb;

@@ -45,6 +45,112 @@ std::string list_of(const std::vector<V4l2Identity>& cameras) {
   return text;
 }
 
+double rate_of(const v4l2_fract& interval) {
+  return interval.numerator ? static_cast<double>(interval.denominator) / interval.numerator : 0.0;
+}
+
+std::vector<double> rates_of(const V4l2Device& device, std::uint32_t fourcc, int width, int height) {
+  std::vector<double> rates;
+  v4l2_frmivalenum entry{};
+  entry.pixel_format = fourcc;
+  entry.width = static_cast<__u32>(width);
+  entry.height = static_cast<__u32>(height);
+  for (; device.try_call(VIDIOC_ENUM_FRAMEINTERVALS, &entry) == 0; ++entry.index) {
+    if (entry.type == V4L2_FRMIVAL_TYPE_DISCRETE) {
+      rates.push_back(rate_of(entry.discrete));
+      continue;
+    }
+    rates = {rate_of(entry.stepwise.min), rate_of(entry.stepwise.max)};
+    break;
+  }
+  std::ranges::sort(rates, std::greater<>());
+  return rates;
+}
+
+std::vector<V4l2FrameSize> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
+  std::vector<V4l2FrameSize> sizes;
+  const auto add = [&](__u32 width, __u32 height) {
+    const auto w = static_cast<int>(width);
+    const auto h = static_cast<int>(height);
+    sizes.push_back({w, h, rates_of(device, fourcc, w, h)});
+  };
+  v4l2_frmsizeenum entry{};
+  entry.pixel_format = fourcc;
+  for (; device.try_call(VIDIOC_ENUM_FRAMESIZES, &entry) == 0; ++entry.index) {
+    if (entry.type == V4L2_FRMSIZE_TYPE_DISCRETE) {
+      add(entry.discrete.width, entry.discrete.height);
+      continue;
+    }
+    add(entry.stepwise.min_width, entry.stepwise.min_height);
+    add(entry.stepwise.max_width, entry.stepwise.max_height);
+    break;
+  }
+  return sizes;
+}
+
+/// "Exposure Time, Absolute" as "exposure_time_absolute".
+std::string control_name(const char* text) {
+  std::string name;
+  for (; *text; ++text) {
+    if (std::isalnum(static_cast<unsigned char>(*text)))
+      name += static_cast<char>(std::tolower(static_cast<unsigned char>(*text)));
+    else if (!name.empty() && name.back() != '_')
+      name += '_';
+  }
+  if (name.ends_with('_')) name.pop_back();
+  return name;
+}
+
+std::vector<std::string> menu_of(const V4l2Device& device, const v4l2_query_ext_ctrl& control) {
+  std::vector<std::string> menu;
+  if (control.type != V4L2_CTRL_TYPE_MENU && control.type != V4L2_CTRL_TYPE_INTEGER_MENU) return menu;
+  for (std::int64_t i = control.minimum; i <= control.maximum; ++i) {
+    v4l2_querymenu entry{};
+    entry.id = control.id;
+    entry.index = static_cast<__u32>(i);
+    if (device.try_call(VIDIOC_QUERYMENU, &entry) != 0) continue;
+    menu.push_back(std::to_string(i) + "=" +
+                   (control.type == V4L2_CTRL_TYPE_MENU ? reinterpret_cast<const char*>(entry.name)
+                                                        : std::to_string(entry.value)));
+  }
+  return menu;
+}
+
+constexpr auto capture_type = static_cast<__u32>(V4L2_BUF_TYPE_VIDEO_CAPTURE);
+constexpr int max_stop_checks_ms = 200;  // how soon Ctrl-C is heard while no frame comes
+
+v4l2_buffer mapped_buffer(std::uint32_t index) {
+  v4l2_buffer buffer{};
+  buffer.type = capture_type;
+  buffer.memory = V4L2_MEMORY_MMAP;
+  buffer.index = index;
+  return buffer;
+}
+
+std::string size_text(int width, int height) {
+  return std::to_string(width) + "×" + std::to_string(height);
+}
+
+bool is_bt709(const v4l2_pix_format& pixels) {
+  if (pixels.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT) return pixels.ycbcr_enc == V4L2_YCBCR_ENC_709;
+  return V4L2_MAP_YCBCR_ENC_DEFAULT(pixels.colorspace) == V4L2_YCBCR_ENC_709;
+}
+
+bool is_full_range(const v4l2_pix_format& pixels) {
+  if (pixels.quantization != V4L2_QUANTIZATION_DEFAULT)
+    return pixels.quantization == V4L2_QUANTIZATION_FULL_RANGE;
+  return pixels.colorspace == V4L2_COLORSPACE_JPEG;
+}
+
+/// Frame interval of an input that follows its source's timings, such as HDMI; 0 where it does not.
+Seconds interval_of_timings(const V4l2Device& device) {
+  v4l2_dv_timings timings{};
+  if (device.try_call(VIDIOC_G_DV_TIMINGS, &timings) != 0 || timings.bt.pixelclock == 0) return Seconds(0);
+  const double total =
+      static_cast<double>(V4L2_DV_BT_FRAME_WIDTH(&timings.bt)) * V4L2_DV_BT_FRAME_HEIGHT(&timings.bt);
+  return Seconds(total / static_cast<double>(timings.bt.pixelclock));
+}
+
 }  // namespace
 
 V4l2Device::V4l2Device(const fs::path& node)
@@ -138,81 +244,6 @@ V4l2Identity find_v4l2_camera(const std::string& text) {
 
 // What a V4L2 camera offers: formats, sizes, rates, controls.
 
-namespace {
-
-double rate_of(const v4l2_fract& interval) {
-  return interval.numerator ? static_cast<double>(interval.denominator) / interval.numerator : 0.0;
-}
-
-std::vector<double> rates_of(const V4l2Device& device, std::uint32_t fourcc, int width, int height) {
-  std::vector<double> rates;
-  v4l2_frmivalenum entry{};
-  entry.pixel_format = fourcc;
-  entry.width = static_cast<__u32>(width);
-  entry.height = static_cast<__u32>(height);
-  for (; device.try_call(VIDIOC_ENUM_FRAMEINTERVALS, &entry) == 0; ++entry.index) {
-    if (entry.type == V4L2_FRMIVAL_TYPE_DISCRETE) {
-      rates.push_back(rate_of(entry.discrete));
-      continue;
-    }
-    rates = {rate_of(entry.stepwise.min), rate_of(entry.stepwise.max)};
-    break;
-  }
-  std::ranges::sort(rates, std::greater<>());
-  return rates;
-}
-
-std::vector<V4l2FrameSize> sizes_of(const V4l2Device& device, std::uint32_t fourcc) {
-  std::vector<V4l2FrameSize> sizes;
-  const auto add = [&](__u32 width, __u32 height) {
-    const auto w = static_cast<int>(width);
-    const auto h = static_cast<int>(height);
-    sizes.push_back({w, h, rates_of(device, fourcc, w, h)});
-  };
-  v4l2_frmsizeenum entry{};
-  entry.pixel_format = fourcc;
-  for (; device.try_call(VIDIOC_ENUM_FRAMESIZES, &entry) == 0; ++entry.index) {
-    if (entry.type == V4L2_FRMSIZE_TYPE_DISCRETE) {
-      add(entry.discrete.width, entry.discrete.height);
-      continue;
-    }
-    add(entry.stepwise.min_width, entry.stepwise.min_height);
-    add(entry.stepwise.max_width, entry.stepwise.max_height);
-    break;
-  }
-  return sizes;
-}
-
-/// "Exposure Time, Absolute" as "exposure_time_absolute".
-std::string control_name(const char* text) {
-  std::string name;
-  for (; *text; ++text) {
-    if (std::isalnum(static_cast<unsigned char>(*text)))
-      name += static_cast<char>(std::tolower(static_cast<unsigned char>(*text)));
-    else if (!name.empty() && name.back() != '_')
-      name += '_';
-  }
-  if (name.ends_with('_')) name.pop_back();
-  return name;
-}
-
-std::vector<std::string> menu_of(const V4l2Device& device, const v4l2_query_ext_ctrl& control) {
-  std::vector<std::string> menu;
-  if (control.type != V4L2_CTRL_TYPE_MENU && control.type != V4L2_CTRL_TYPE_INTEGER_MENU) return menu;
-  for (std::int64_t i = control.minimum; i <= control.maximum; ++i) {
-    v4l2_querymenu entry{};
-    entry.id = control.id;
-    entry.index = static_cast<__u32>(i);
-    if (device.try_call(VIDIOC_QUERYMENU, &entry) != 0) continue;
-    menu.push_back(std::to_string(i) + "=" +
-                   (control.type == V4L2_CTRL_TYPE_MENU ? reinterpret_cast<const char*>(entry.name)
-                                                        : std::to_string(entry.value)));
-  }
-  return menu;
-}
-
-}  // namespace
-
 std::vector<V4l2FormatInfo> formats_of(const V4l2Device& device) {
   std::vector<V4l2FormatInfo> formats;
   v4l2_fmtdesc entry{};
@@ -239,45 +270,6 @@ std::vector<V4l2ControlInfo> controls_of(const V4l2Device& device) {
   }
   return controls;
 }
-
-namespace {
-
-constexpr auto capture_type = static_cast<__u32>(V4L2_BUF_TYPE_VIDEO_CAPTURE);
-constexpr int max_stop_checks_ms = 200;  // how soon Ctrl-C is heard while no frame comes
-
-v4l2_buffer mapped_buffer(std::uint32_t index) {
-  v4l2_buffer buffer{};
-  buffer.type = capture_type;
-  buffer.memory = V4L2_MEMORY_MMAP;
-  buffer.index = index;
-  return buffer;
-}
-
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "×" + std::to_string(height);
-}
-
-bool is_bt709(const v4l2_pix_format& pixels) {
-  if (pixels.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT) return pixels.ycbcr_enc == V4L2_YCBCR_ENC_709;
-  return V4L2_MAP_YCBCR_ENC_DEFAULT(pixels.colorspace) == V4L2_YCBCR_ENC_709;
-}
-
-bool is_full_range(const v4l2_pix_format& pixels) {
-  if (pixels.quantization != V4L2_QUANTIZATION_DEFAULT)
-    return pixels.quantization == V4L2_QUANTIZATION_FULL_RANGE;
-  return pixels.colorspace == V4L2_COLORSPACE_JPEG;
-}
-
-/// Frame interval of an input that follows its source's timings, such as HDMI; 0 where it does not.
-Seconds interval_of_timings(const V4l2Device& device) {
-  v4l2_dv_timings timings{};
-  if (device.try_call(VIDIOC_G_DV_TIMINGS, &timings) != 0 || timings.bt.pixelclock == 0) return Seconds(0);
-  const double total =
-      static_cast<double>(V4L2_DV_BT_FRAME_WIDTH(&timings.bt)) * V4L2_DV_BT_FRAME_HEIGHT(&timings.bt);
-  return Seconds(total / static_cast<double>(timings.bt.pixelclock));
-}
-
-}  // namespace
 
 V4l2Stream::V4l2Stream(const V4l2Device& device, const V4l2StreamRequest& request, RunContext run)
     : device_(device), run_(std::move(run)) {

@@ -142,20 +142,6 @@ Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, Me
   return merge_linear_exposures(images, bracket.exposures, sensor, with_unmeasured_saturation, statistics);
 }
 
-}  // namespace
-
-std::optional<PixelLayout> layout_of(const std::string& name) {
-  if (name.empty()) return std::nullopt;
-  if (name == "bayer") return PixelLayout::bayer_rggb;
-  const auto found = std::ranges::find(layout_names, name);
-  if (found == layout_names.end())
-    throw InputError("--layout: '" + name +
-                     "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
-  return static_cast<PixelLayout>(found - layout_names.begin());
-}
-
-namespace {
-
 /// Moves the samples of a RAW file to the black level of the first of its bracket, whose levels count for
 /// all: cameras state others in each file.
 void equalise_levels(BracketFile& first, BracketFile& file) {
@@ -167,7 +153,83 @@ void equalise_levels(BracketFile& first, BracketFile& file) {
     sample = static_cast<std::uint16_t>(std::clamp(sample + difference, 0.0, 65535.0));
 }
 
+constexpr double level_width = 1e-3;       // of the level: sensors clip within some DN
+constexpr std::size_t ranges_below = 10;   // ranges of that width to compare with
+constexpr double pile_contrast = 4.0;      // of the fullest of them
+constexpr std::size_t enough_in_pile = 8;  // samples
+constexpr double min_pile_share = 1e-4;    // of all samples: some 2 000 of a photograph
+constexpr double max_share_of_frame = 0.5;
+
+/// Samples of one exposure near the highest level.
+struct Exposure {
+  double highest = 0.0;
+  std::size_t samples = 0;
+  std::array<std::size_t, ranges_below + 1> in_range{};  ///< from the level downwards
+  std::array<std::size_t, 3> of_colour{};                ///< of the first range
+
+  bool piles_up() const {
+    const std::size_t fullest = *std::max_element(in_range.begin() + 1, in_range.end());
+    return in_range[0] >= enough_in_pile && in_range[0] >= min_pile_share * static_cast<double>(samples) &&
+           static_cast<double>(in_range[0]) >= pile_contrast * static_cast<double>(fullest);
+  }
+  bool piles_up_in_two_colours() const {
+    return std::ranges::count_if(of_colour, [](std::size_t count) { return count >= enough_in_pile; }) >= 2;
+  }
+};
+
+template <class Visit>
+void for_samples(const BracketFile& file, const Visit& visit) {
+  if (file.bits == 0)
+    for (std::size_t i = 0; i < file.linear.values.size(); ++i) visit(i, double{file.linear.values[i]});
+  else
+    for (std::size_t i = 0; i < file.frame.samples.size(); ++i) visit(i, double(file.frame.samples[i]));
+}
+
+std::size_t colour_of(const BracketFile& file, std::size_t sample) {
+  const RawFrame& frame = file.frame;
+  if (!is_bayer(frame.layout)) return sample % 3;
+  const auto columns = static_cast<std::size_t>(frame.width);
+  return static_cast<std::size_t>(
+      bayer_channel(frame.layout, static_cast<int>(sample % columns), static_cast<int>(sample / columns)));
+}
+
+bool is_of_fewer_bits(double level, int bits) {
+  for (int k = 8; k <= 16; ++k)
+    if (level == (1 << k) - 1 && (bits == 0 || (k > 8 && k < bits))) return true;
+  return bits == 0 && level == 1.0;
+}
+
+double sample_of(const BracketFile& file, std::size_t i) {
+  return file.bits == 0 ? double{file.linear.values[i]} : double(file.frame.samples[i]);
+}
+
+/// Whether the samples of exposure `i` at the level have different values in the clearly shorter exposure
+/// `j`: a surface that is evenly bright is so in both.
+bool was_clipped(const Bracket& bracket, std::size_t i, std::size_t j, double level) {
+  constexpr double another_time = 1.1, spread = 0.05;  // relative standard deviation
+  if (bracket.exposures[i] < another_time * bracket.exposures[j]) return false;
+  double count = 0.0, sum = 0.0, squares = 0.0;
+  for_samples(bracket.files[i], [&](std::size_t at, double value) {
+    if (value < level * (1.0 - level_width)) return;
+    const double shorter = sample_of(bracket.files[j], at);
+    count += 1.0;
+    sum += shorter;
+    squares += shorter * shorter;
+  });
+  return squares * count - sum * sum > spread * spread * sum * sum;
+}
+
 }  // namespace
+
+std::optional<PixelLayout> layout_of(const std::string& name) {
+  if (name.empty()) return std::nullopt;
+  if (name == "bayer") return PixelLayout::bayer_rggb;
+  const auto found = std::ranges::find(layout_names, name);
+  if (found == layout_names.end())
+    throw InputError("--layout: '" + name +
+                     "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
+  return static_cast<PixelLayout>(found - layout_names.begin());
+}
 
 Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures) {
@@ -266,76 +328,6 @@ Photograph merge_bracket(Bracket& bracket, const BracketCamera& given, MergeStat
   if (statistics) statistics->found_saturation = found;
   return merged;
 }
-
-namespace {
-
-constexpr double level_width = 1e-3;       // of the level: sensors clip within some DN
-constexpr std::size_t ranges_below = 10;   // ranges of that width to compare with
-constexpr double pile_contrast = 4.0;      // of the fullest of them
-constexpr std::size_t enough_in_pile = 8;  // samples
-constexpr double min_pile_share = 1e-4;    // of all samples: some 2 000 of a photograph
-constexpr double max_share_of_frame = 0.5;
-
-/// Samples of one exposure near the highest level.
-struct Exposure {
-  double highest = 0.0;
-  std::size_t samples = 0;
-  std::array<std::size_t, ranges_below + 1> in_range{};  ///< from the level downwards
-  std::array<std::size_t, 3> of_colour{};                ///< of the first range
-
-  bool piles_up() const {
-    const std::size_t fullest = *std::max_element(in_range.begin() + 1, in_range.end());
-    return in_range[0] >= enough_in_pile && in_range[0] >= min_pile_share * static_cast<double>(samples) &&
-           static_cast<double>(in_range[0]) >= pile_contrast * static_cast<double>(fullest);
-  }
-  bool piles_up_in_two_colours() const {
-    return std::ranges::count_if(of_colour, [](std::size_t count) { return count >= enough_in_pile; }) >= 2;
-  }
-};
-
-template <class Visit>
-void for_samples(const BracketFile& file, const Visit& visit) {
-  if (file.bits == 0)
-    for (std::size_t i = 0; i < file.linear.values.size(); ++i) visit(i, double{file.linear.values[i]});
-  else
-    for (std::size_t i = 0; i < file.frame.samples.size(); ++i) visit(i, double(file.frame.samples[i]));
-}
-
-std::size_t colour_of(const BracketFile& file, std::size_t sample) {
-  const RawFrame& frame = file.frame;
-  if (!is_bayer(frame.layout)) return sample % 3;
-  const auto columns = static_cast<std::size_t>(frame.width);
-  return static_cast<std::size_t>(
-      bayer_channel(frame.layout, static_cast<int>(sample % columns), static_cast<int>(sample / columns)));
-}
-
-bool is_of_fewer_bits(double level, int bits) {
-  for (int k = 8; k <= 16; ++k)
-    if (level == (1 << k) - 1 && (bits == 0 || (k > 8 && k < bits))) return true;
-  return bits == 0 && level == 1.0;
-}
-
-double sample_of(const BracketFile& file, std::size_t i) {
-  return file.bits == 0 ? double{file.linear.values[i]} : double(file.frame.samples[i]);
-}
-
-/// Whether the samples of exposure `i` at the level have different values in the clearly shorter exposure
-/// `j`: a surface that is evenly bright is so in both.
-bool was_clipped(const Bracket& bracket, std::size_t i, std::size_t j, double level) {
-  constexpr double another_time = 1.1, spread = 0.05;  // relative standard deviation
-  if (bracket.exposures[i] < another_time * bracket.exposures[j]) return false;
-  double count = 0.0, sum = 0.0, squares = 0.0;
-  for_samples(bracket.files[i], [&](std::size_t at, double value) {
-    if (value < level * (1.0 - level_width)) return;
-    const double shorter = sample_of(bracket.files[j], at);
-    count += 1.0;
-    sum += shorter;
-    squares += shorter * shorter;
-  });
-  return squares * count - sum * sum > spread * spread * sum * sum;
-}
-
-}  // namespace
 
 HighestSamples highest_samples(const Bracket& bracket) {
   const BracketFile& first = bracket.files.at(0);

@@ -391,6 +391,103 @@ std::string estimate_curve(std::span<const BracketSamples> brackets, const std::
          "; --response overrules the estimate";
 }
 
+/// Sets the level at which samples clip, where they show it. Returns what to note.
+std::optional<std::string> settle_saturation(std::span<const BracketSamples> brackets,
+                                             BracketCamera& camera) {
+  if (camera.saturation || fs::is_regular_file(camera.response)) return std::nullopt;
+  double highest = 0.0;
+  for (const BracketSamples& bracket : brackets) highest = std::max(highest, bracket.highest.level);
+  const HighestSamples* found = nullptr;
+  std::size_t alike = 0;
+  for (const BracketSamples& bracket : brackets) {
+    constexpr double same = 0.999;
+    if (!bracket.highest.piles_up || bracket.highest.level < same * highest) continue;
+    ++alike;
+    if (!found || bracket.highest.is_saturation > found->is_saturation) found = &bracket.highest;
+  }
+  if (!found || (!found->is_saturation && alike < 2)) return std::nullopt;
+  const std::string many = std::to_string(found->at_level) + " samples of " + found->file.string() +
+                           " share the level " + digits(highest, 6) + ", and none exceeds it";
+  if (!found->is_saturation)
+    return many + "; if the camera saturates there, give --saturation " + digits(highest, 6);
+  camera.saturation = highest;
+  return many + ": it is taken as saturation; --saturation overrules it";
+}
+
+constexpr double exact_ratio = 0.015;  // rounding of cameras is more, noise of 8 bits at most 0.01
+
+/// Log of measured over stated ratio of two neighbouring exposure times.
+struct TimeRatio {
+  double log = 0.0;
+  double uncertainty = 0.0;  ///< standard error
+};
+
+/// [exposures − 1]; nullopt where exposures do not overlap.
+std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamples> brackets,
+                                                     const BracketCamera& camera) {
+  constexpr std::ptrdiff_t enough = 3;  // classes of brightness
+  const auto median_of = [](std::vector<double> values) {
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::ranges::nth_element(values, middle);
+    return *middle;
+  };
+  std::vector<std::optional<TimeRatio>> ratios(brackets.front().seconds.size() - 1);
+  for (std::size_t i = 0; i < ratios.size(); ++i) {
+    std::vector<double> logs, deviations;
+    for (const BracketSamples& bracket : brackets) {
+      if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
+      const PairComparison pair =
+          compare_pair(bracket, i, Linearisation(bracket, camera), clip_level_of(bracket, camera));
+      const auto classes = static_cast<std::ptrdiff_t>(pair.log_ratio.size());
+      // The brighter half: the logarithm of noisy dark samples has a bias. An estimated curve has it, too.
+      const std::ptrdiff_t first = camera.curve.empty() ? classes / 2 : 0;
+      if (classes >= enough)
+        logs.push_back(trimmed_mean({pair.log_ratio.begin() + first, pair.log_ratio.end()}));
+    }
+    if (logs.empty()) continue;
+    const double middle = median_of(logs);
+    for (const double log : logs) deviations.push_back(std::abs(log - middle));
+    // 1.4826 · MAD estimates the deviation, and a median has 1.2533 times the standard error of a mean.
+    ratios[i] = {middle, 1.86 * median_of(deviations) / std::sqrt(static_cast<double>(logs.size()))};
+  }
+  return ratios;
+}
+
+std::string times_text(const std::vector<double>& seconds) {
+  std::string text;
+  for (const double time : seconds) text += (text.empty() ? "" : ", ") + digits(time, 4);
+  return text + " s";
+}
+
+/// Times with measured ratios, from the shortest on; the stated ones where nothing contradicts them.
+std::vector<double> times_by_ratio(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
+  constexpr double certain = 4.0;
+  constexpr double max_spread = 0.02;  // beyond, the response is doubtful, and the ratio with it
+  std::vector<double> times = brackets.front().seconds;
+  std::size_t worst = 0;
+  if (worst_agreement(brackets, camera, worst).spread > max_spread) return times;
+  const auto ratios = measure_ratios(brackets, camera);
+  for (std::size_t i = 0; i < ratios.size(); ++i)
+    if (ratios[i] && std::abs(ratios[i]->log) > std::max(exact_ratio, certain * ratios[i]->uncertainty) &&
+        std::abs(ratios[i]->log) < std::log1p(tolerated_factor))
+      for (std::size_t k = i + 1; k < times.size(); ++k) times[k] *= std::exp(ratios[i]->log);
+  return times;
+}
+
+/// The times that cameras mean by those they state, with their response curve, where that fits clearly
+/// better. A curve serves any times of one common ratio, but only the right ones where ratios differ.
+std::vector<double> times_by_name(std::span<const BracketSamples> brackets, BracketCamera& camera) {
+  constexpr double clearly = 0.92;  // 5 brackets of 80×60 pixels with 1/60, 1/15 and 1/4 s have 0.80
+  std::vector<double> times = brackets.front().seconds;
+  for (double& time : times) time = std::exp2(std::round(3.0 * std::log2(time)) / 3.0);
+  std::vector<BracketSamples> renamed(brackets.begin(), brackets.end());
+  for (BracketSamples& bracket : renamed) bracket.seconds = times;
+  ResponseEstimate named = estimate_response(renamed);
+  if (named.residual > clearly * estimate_response(brackets).residual) return brackets.front().seconds;
+  camera.curve = std::move(named.linear_from_dn);
+  return times;
+}
+
 }  // namespace
 
 BracketSamples samples_of(const Bracket& bracket) {
@@ -512,33 +609,6 @@ ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
   return estimate;
 }
 
-namespace {
-
-/// Sets the level at which samples clip, where they show it. Returns what to note.
-std::optional<std::string> settle_saturation(std::span<const BracketSamples> brackets,
-                                             BracketCamera& camera) {
-  if (camera.saturation || fs::is_regular_file(camera.response)) return std::nullopt;
-  double highest = 0.0;
-  for (const BracketSamples& bracket : brackets) highest = std::max(highest, bracket.highest.level);
-  const HighestSamples* found = nullptr;
-  std::size_t alike = 0;
-  for (const BracketSamples& bracket : brackets) {
-    constexpr double same = 0.999;
-    if (!bracket.highest.piles_up || bracket.highest.level < same * highest) continue;
-    ++alike;
-    if (!found || bracket.highest.is_saturation > found->is_saturation) found = &bracket.highest;
-  }
-  if (!found || (!found->is_saturation && alike < 2)) return std::nullopt;
-  const std::string many = std::to_string(found->at_level) + " samples of " + found->file.string() +
-                           " share the level " + digits(highest, 6) + ", and none exceeds it";
-  if (!found->is_saturation)
-    return many + "; if the camera saturates there, give --saturation " + digits(highest, 6);
-  camera.saturation = highest;
-  return many + ": it is taken as saturation; --saturation overrules it";
-}
-
-}  // namespace
-
 std::vector<std::string> settle_response(std::span<const BracketSamples> brackets, BracketCamera& camera) {
   for (const BracketSamples& bracket : brackets) require_brighter_with_time(bracket, camera);
   std::vector<std::string> notes;
@@ -580,84 +650,6 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
     notes.push_back(estimate_curve(brackets, wrong, bends, camera));
   return notes;
 }
-
-namespace {
-
-constexpr double exact_ratio = 0.015;  // rounding of cameras is more, noise of 8 bits at most 0.01
-
-/// Log of measured over stated ratio of two neighbouring exposure times.
-struct TimeRatio {
-  double log = 0.0;
-  double uncertainty = 0.0;  ///< standard error
-};
-
-/// [exposures − 1]; nullopt where exposures do not overlap.
-std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamples> brackets,
-                                                     const BracketCamera& camera) {
-  constexpr std::ptrdiff_t enough = 3;  // classes of brightness
-  const auto median_of = [](std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::ranges::nth_element(values, middle);
-    return *middle;
-  };
-  std::vector<std::optional<TimeRatio>> ratios(brackets.front().seconds.size() - 1);
-  for (std::size_t i = 0; i < ratios.size(); ++i) {
-    std::vector<double> logs, deviations;
-    for (const BracketSamples& bracket : brackets) {
-      if (bracket.seconds[i + 1] < another_exposure * bracket.seconds[i]) continue;
-      const PairComparison pair =
-          compare_pair(bracket, i, Linearisation(bracket, camera), clip_level_of(bracket, camera));
-      const auto classes = static_cast<std::ptrdiff_t>(pair.log_ratio.size());
-      // The brighter half: the logarithm of noisy dark samples has a bias. An estimated curve has it, too.
-      const std::ptrdiff_t first = camera.curve.empty() ? classes / 2 : 0;
-      if (classes >= enough)
-        logs.push_back(trimmed_mean({pair.log_ratio.begin() + first, pair.log_ratio.end()}));
-    }
-    if (logs.empty()) continue;
-    const double middle = median_of(logs);
-    for (const double log : logs) deviations.push_back(std::abs(log - middle));
-    // 1.4826 · MAD estimates the deviation, and a median has 1.2533 times the standard error of a mean.
-    ratios[i] = {middle, 1.86 * median_of(deviations) / std::sqrt(static_cast<double>(logs.size()))};
-  }
-  return ratios;
-}
-
-std::string times_text(const std::vector<double>& seconds) {
-  std::string text;
-  for (const double time : seconds) text += (text.empty() ? "" : ", ") + digits(time, 4);
-  return text + " s";
-}
-
-/// Times with measured ratios, from the shortest on; the stated ones where nothing contradicts them.
-std::vector<double> times_by_ratio(std::span<const BracketSamples> brackets, const BracketCamera& camera) {
-  constexpr double certain = 4.0;
-  constexpr double max_spread = 0.02;  // beyond, the response is doubtful, and the ratio with it
-  std::vector<double> times = brackets.front().seconds;
-  std::size_t worst = 0;
-  if (worst_agreement(brackets, camera, worst).spread > max_spread) return times;
-  const auto ratios = measure_ratios(brackets, camera);
-  for (std::size_t i = 0; i < ratios.size(); ++i)
-    if (ratios[i] && std::abs(ratios[i]->log) > std::max(exact_ratio, certain * ratios[i]->uncertainty) &&
-        std::abs(ratios[i]->log) < std::log1p(tolerated_factor))
-      for (std::size_t k = i + 1; k < times.size(); ++k) times[k] *= std::exp(ratios[i]->log);
-  return times;
-}
-
-/// The times that cameras mean by those they state, with their response curve, where that fits clearly
-/// better. A curve serves any times of one common ratio, but only the right ones where ratios differ.
-std::vector<double> times_by_name(std::span<const BracketSamples> brackets, BracketCamera& camera) {
-  constexpr double clearly = 0.92;  // 5 brackets of 80×60 pixels with 1/60, 1/15 and 1/4 s have 0.80
-  std::vector<double> times = brackets.front().seconds;
-  for (double& time : times) time = std::exp2(std::round(3.0 * std::log2(time)) / 3.0);
-  std::vector<BracketSamples> renamed(brackets.begin(), brackets.end());
-  for (BracketSamples& bracket : renamed) bracket.seconds = times;
-  ResponseEstimate named = estimate_response(renamed);
-  if (named.residual > clearly * estimate_response(brackets).residual) return brackets.front().seconds;
-  camera.curve = std::move(named.linear_from_dn);
-  return times;
-}
-
-}  // namespace
 
 std::string settle_times(std::span<const BracketSamples> brackets, BracketCamera& camera) {
   const std::vector<double> stated = brackets.front().seconds;

@@ -104,32 +104,6 @@ std::vector<BracketGroup> by_exposure(const std::vector<fs::path>& files,
   return groups;
 }
 
-}  // namespace
-
-std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
-                                         const std::vector<std::optional<Seconds>>& exposures,
-                                         const GroupRule& rule) {
-  if (files.empty()) throw InputError("there is no photograph to import");
-  if (rule.count < 0)
-    throw InputError("--bracket-size is " + std::to_string(rule.count) + "; give 1 or more");
-  if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --names or --bracket-size, not both");
-  auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
-                : rule.count > 0      ? by_count(files, rule.count)
-                                      : by_exposure(files, exposures);
-  for (const BracketGroup& group : groups)
-    if (group.paths.size() != groups.front().paths.size())
-      throw InputError(group.paths.front().string() + ": its bracket has " +
-                       std::to_string(group.paths.size()) + " exposures, the first one (" +
-                       groups.front().paths.front().string() + ") has " +
-                       std::to_string(groups.front().paths.size()) +
-                       "; a file is missing or stray, or the brackets need --names or --bracket-size");
-  return groups;
-}
-
-namespace fs = std::filesystem;
-
-namespace {
-
 /// Light that a view was taken under: of its light source, or above the monitor's black as its file says.
 Image emitted(const ImportRequest& request, const ImportedView& view, const RunContext& run) {
   if (!request.stage.sources.empty()) return light_map_of(request.stage, view.source);
@@ -559,6 +533,26 @@ void use_cards_for_intensity(ImportRequest& request) {
 
 }  // namespace
 
+std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
+                                         const std::vector<std::optional<Seconds>>& exposures,
+                                         const GroupRule& rule) {
+  if (files.empty()) throw InputError("there is no photograph to import");
+  if (rule.count < 0)
+    throw InputError("--bracket-size is " + std::to_string(rule.count) + "; give 1 or more");
+  if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --names or --bracket-size, not both");
+  auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
+                : rule.count > 0      ? by_count(files, rule.count)
+                                      : by_exposure(files, exposures);
+  for (const BracketGroup& group : groups)
+    if (group.paths.size() != groups.front().paths.size())
+      throw InputError(group.paths.front().string() + ": its bracket has " +
+                       std::to_string(group.paths.size()) + " exposures, the first one (" +
+                       groups.front().paths.front().string() + ") has " +
+                       std::to_string(groups.front().paths.size()) +
+                       "; a file is missing or stray, or the brackets need --names or --bracket-size");
+  return groups;
+}
+
 ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
   const ThreadLimit limit(run);
   check(given);
@@ -584,8 +578,6 @@ ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
     import_photographs(request, views, summary, run);
   return summary;
 }
-
-namespace fs = std::filesystem;
 
 Photograph SeriesMerger::merge(const std::vector<fs::path>& paths, bool counts) {
   Bracket bracket = read_bracket(paths, request_.camera, request_.exposures);

@@ -383,6 +383,31 @@ double degrees_between(const LightSource& a, const LightSource& b) {
                   ", too close to have a texel of its own; correct the direction, or remove one of the two");
 }
 
+/// Rays of a camera at this distance, in radii of the ball, are parallel.
+constexpr double far_away = 1e4;
+/// The outermost pixels show light from behind the ball, and are partly the background.
+constexpr double ball_rim_px = 1.0;
+
+std::string position_text(const Eigen::Vector2d& point) {
+  return std::to_string(std::lround(point.x())) + "," + std::to_string(std::lround(point.y()));
+}
+
+/// Brightness of the pixels on the ball, zero elsewhere.
+cv::Mat1f brightness_on(const MirrorBall& ball, const Image& photograph) {
+  cv::Mat1f brightness = cv::Mat1f::zeros(photograph.height, photograph.width);
+  const Eigen::Vector2d centre = ball.centre_px();
+  const double radius = ball.radius_px() - ball_rim_px;
+  const int first = std::max(0, static_cast<int>(centre.y() - radius));
+  const int last = std::min(photograph.height, static_cast<int>(centre.y() + radius) + 1);
+  for (int y = first; y < last; ++y)
+    for (int x = 0; x < photograph.width; ++x) {
+      if ((Eigen::Vector2d(x + 0.5, y + 0.5) - centre).norm() > radius) continue;
+      const float value = (photograph.at(x, y, 0) + photograph.at(x, y, 1) + photograph.at(x, y, 2)) / 3.0f;
+      brightness(y, x) = std::max(value, 1e-30f);  // negative after subtraction of the ambient light
+    }
+  return brightness;
+}
+
 }  // namespace
 
 void place_sources(LightStage& stage) {
@@ -438,35 +463,6 @@ Image light_map_of(const LightStage& stage, std::size_t source) {
     map.at(lit.column, lit.row, static_cast<int>(c)) = static_cast<float>(lit.intensity[c] / solid_angle);
   return map;
 }
-
-namespace {
-
-/// Rays of a camera at this distance, in radii of the ball, are parallel.
-constexpr double far_away = 1e4;
-/// The outermost pixels show light from behind the ball, and are partly the background.
-constexpr double ball_rim_px = 1.0;
-
-std::string position_text(const Eigen::Vector2d& point) {
-  return std::to_string(std::lround(point.x())) + "," + std::to_string(std::lround(point.y()));
-}
-
-/// Brightness of the pixels on the ball, zero elsewhere.
-cv::Mat1f brightness_on(const MirrorBall& ball, const Image& photograph) {
-  cv::Mat1f brightness = cv::Mat1f::zeros(photograph.height, photograph.width);
-  const Eigen::Vector2d centre = ball.centre_px();
-  const double radius = ball.radius_px() - ball_rim_px;
-  const int first = std::max(0, static_cast<int>(centre.y() - radius));
-  const int last = std::min(photograph.height, static_cast<int>(centre.y() + radius) + 1);
-  for (int y = first; y < last; ++y)
-    for (int x = 0; x < photograph.width; ++x) {
-      if ((Eigen::Vector2d(x + 0.5, y + 0.5) - centre).norm() > radius) continue;
-      const float value = (photograph.at(x, y, 0) + photograph.at(x, y, 1) + photograph.at(x, y, 2)) / 3.0f;
-      brightness(y, x) = std::max(value, 1e-30f);  // negative after subtraction of the ambient light
-    }
-  return brightness;
-}
-
-}  // namespace
 
 MirrorBall locate_ball(const ChromeBall& ball, const Image& mean) {
   ProbeOptics optics;

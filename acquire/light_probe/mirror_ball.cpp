@@ -33,85 +33,6 @@ double normal_angle(double gamma, double distance, double largest) {
   return beta;
 }
 
-}  // namespace
-
-Eigen::Vector3d ProbeCamera::ray(const Eigen::Vector2d& point) const {
-  const Eigen::Vector2d offset = (point - principal_px) / focal_px;
-  return Eigen::Vector3d(offset.x(), -offset.y(), 1.0).normalized();
-}
-
-Eigen::Vector2d ProbeCamera::project(const Eigen::Vector3d& point) const {
-  return principal_px + focal_px / point.z() * Eigen::Vector2d(point.x(), -point.y());
-}
-
-std::pair<Eigen::Vector3d, Eigen::Vector3d> tangents(const Eigen::Vector3d& axis) {
-  const Eigen::Vector3d helper =
-      std::abs(axis.y()) < 0.9 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX();
-  const Eigen::Vector3d first = helper.cross(axis).normalized();
-  return {first, axis.cross(first)};
-}
-
-MirrorBall::MirrorBall(const ProbeCamera& camera, const Eigen::Vector3d& towards, double distance_radii)
-    : camera_(camera),
-      towards_(towards.normalized()),
-      distance_(distance_radii),
-      half_angle_(std::asin(1.0 / distance_radii)) {
-  if (!(distance_ > 1.0) || !std::isfinite(distance_))
-    throw InputError("the camera is " + std::to_string(distance_) +
-                     " ball radii from the ball's centre; it must be outside the ball, more than 1");
-  // The whole outline must lie before the camera to have an image.
-  if (!(towards_.z() > std::sin(half_angle_)))
-    throw InputError("the ball is not in front of the camera; check the ball's place and the focal length");
-}
-
-std::optional<MirrorPoint> MirrorBall::reflect(const Eigen::Vector2d& point) const {
-  const Eigen::Vector3d d = camera_.ray(point);
-  // sin² of the angle to the axis by the cross product: the cosine would lose it for a ball far away.
-  const double along = distance_ * d.dot(towards_);
-  const double miss = distance_ * d.cross(towards_).norm();
-  if (along <= 0.0 || miss >= 1.0) return std::nullopt;
-  const double half_chord = std::sqrt((1.0 - miss) * (1.0 + miss));
-  const Eigen::Vector3d normal = (along - half_chord) * d - distance_ * towards_;
-  return MirrorPoint{(d + 2.0 * half_chord * normal).normalized(), half_chord};
-}
-
-std::optional<MirrorImage> MirrorBall::find(const Eigen::Vector3d& direction) const {
-  const double gamma = std::atan2(direction.cross(towards_).norm(), -direction.dot(towards_));
-  const double alpha = half_angle_;
-  if (gamma >= std::numbers::pi - alpha) return std::nullopt;
-  const double beta = normal_angle(gamma, distance_, std::numbers::pi / 2.0 - alpha);
-  Eigen::Vector3d sideways = direction - direction.dot(towards_) * towards_;
-  const double length = sideways.norm();
-  sideways = length > 1e-12 ? Eigen::Vector3d(sideways / length) : tangents(towards_).first;
-  const double c = std::cos(beta);
-  const Eigen::Vector3d point = (distance_ - c) * towards_ + std::sin(beta) * sideways;
-  const double range_squared = distance_ * distance_ - 2.0 * distance_ * c + 1.0;
-  const double delta = std::atan2(std::sin(beta), distance_ - c);
-  // dδ/dγ, the angle in the image for an angle outside, times pixels per radian in the image.
-  const double delta_slope = (distance_ * c - 1.0) / range_squared;
-  return MirrorImage{camera_.project(point), std::cos(beta + delta),
-                     camera_.focal_px * delta_slope / (2.0 + delta_slope),
-                     camera_.focal_px * (alpha - delta)};
-}
-
-double MirrorBall::radius_px() const {
-  double sum = 0.0;
-  constexpr int points = 64;
-  const Eigen::Vector2d centre = centre_px();
-  for (int i = 0; i < points; ++i)
-    sum += (outline_point(2.0 * std::numbers::pi * i / points) - centre).norm();
-  return sum / points;
-}
-
-Eigen::Vector2d MirrorBall::outline_point(double turn) const {
-  const auto [first, second] = tangents(towards_);
-  const double alpha = half_angle_;
-  return camera_.project(std::cos(alpha) * towards_ +
-                         std::sin(alpha) * (std::cos(turn) * first + std::sin(turn) * second));
-}
-
-namespace {
-
 constexpr double support_px = 1.5;
 constexpr std::size_t least_points = 8;
 
@@ -185,64 +106,6 @@ MirrorBall ball_of(const Cone& cone, const ProbeCamera& camera) {
         "no ball has the outline that was found or given; check --ball and the focal length or distance");
   return {camera, cone.axis(camera), 1.0 / std::sin(alpha)};
 }
-
-}  // namespace
-
-void ProbeOptics::check() const {
-  if (focal_px.has_value() == distance_radii.has_value())
-    throw InputError(
-        "the distance of the camera is required: give either the focal length or the distance "
-        "from the camera to the ball");
-  if (focal_px && !(*focal_px > 0.0 && std::isfinite(*focal_px)))
-    throw InputError("the focal length is " + std::to_string(*focal_px) +
-                     " pixels; it must be above zero and finite");
-  if (distance_radii && !(*distance_radii > 1.0 && *distance_radii <= 1e6))
-    throw InputError("the camera's distance is " + std::to_string(*distance_radii) +
-                     " radii of the ball; give a number above 1, to the ball's centre");
-}
-
-OutlineFit fit_outline(std::span<const Eigen::Vector2d> points, const ProbeOptics& optics,
-                       const ImageCircle& start) {
-  optics.check();
-  if (points.size() < least_points)
-    throw InputError("the ball's outline shows in " + std::to_string(points.size()) +
-                     " places only; draw it yourself with --ball");
-  ProbeCamera camera{optics.focal_px.value_or(0.0), optics.principal_px};
-  Cone cone{start.centre, start.radius};
-  if (optics.focal_px) {
-    cone = fit_cone(points, camera, cone);
-  } else {
-    // The distance fixes the angle; the focal length follows from the size, and moves the fit a little.
-    const double alpha = std::asin(1.0 / *optics.distance_radii);
-    for (int i = 0; i < 20; ++i) {
-      camera.focal_px = cone.radius / alpha;
-      cone = fit_cone(points, camera, cone);
-      if (std::abs(cone.radius / camera.focal_px - alpha) < 1e-9 * alpha) break;
-    }
-    camera.focal_px = cone.radius / alpha;
-  }
-  OutlineFit fit{ball_of(cone, camera), 0.0, 0.0};
-  const Eigen::VectorXd r = residuals(points, camera, cone);
-  const auto near = (r.array().abs() < support_px).cast<double>();
-  const double count = near.sum();
-  fit.support = count / static_cast<double>(r.size());
-  fit.rms_px = count > 0.0 ? std::sqrt((r.array().square() * near).sum() / count) : 0.0;
-  return fit;
-}
-
-MirrorBall ball_from_circle(const ImageCircle& circle, const ProbeOptics& optics) {
-  if (!(circle.radius > 0.0) || !circle.centre.allFinite())
-    throw InputError("--ball: the radius is " + std::to_string(circle.radius) +
-                     " pixels; give centre and radius as X,Y,R with R above zero");
-  std::vector<Eigen::Vector2d> points;
-  for (int i = 0; i < 360; ++i) {
-    const double turn = 2.0 * std::numbers::pi * i / 360.0;
-    points.push_back(circle.centre + circle.radius * Eigen::Vector2d(std::cos(turn), std::sin(turn)));
-  }
-  return fit_outline(points, optics, circle).ball;
-}
-
-namespace {
 
 constexpr int search_side_px = 640;  // circles are proposed at this size
 constexpr int rays = 720;
@@ -442,6 +305,135 @@ std::optional<OutlineFit> refine(const cv::Mat1f& log_image, const cv::Mat1f& lu
 }
 
 }  // namespace
+
+Eigen::Vector3d ProbeCamera::ray(const Eigen::Vector2d& point) const {
+  const Eigen::Vector2d offset = (point - principal_px) / focal_px;
+  return Eigen::Vector3d(offset.x(), -offset.y(), 1.0).normalized();
+}
+
+Eigen::Vector2d ProbeCamera::project(const Eigen::Vector3d& point) const {
+  return principal_px + focal_px / point.z() * Eigen::Vector2d(point.x(), -point.y());
+}
+
+std::pair<Eigen::Vector3d, Eigen::Vector3d> tangents(const Eigen::Vector3d& axis) {
+  const Eigen::Vector3d helper =
+      std::abs(axis.y()) < 0.9 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d first = helper.cross(axis).normalized();
+  return {first, axis.cross(first)};
+}
+
+MirrorBall::MirrorBall(const ProbeCamera& camera, const Eigen::Vector3d& towards, double distance_radii)
+    : camera_(camera),
+      towards_(towards.normalized()),
+      distance_(distance_radii),
+      half_angle_(std::asin(1.0 / distance_radii)) {
+  if (!(distance_ > 1.0) || !std::isfinite(distance_))
+    throw InputError("the camera is " + std::to_string(distance_) +
+                     " ball radii from the ball's centre; it must be outside the ball, more than 1");
+  // The whole outline must lie before the camera to have an image.
+  if (!(towards_.z() > std::sin(half_angle_)))
+    throw InputError("the ball is not in front of the camera; check the ball's place and the focal length");
+}
+
+std::optional<MirrorPoint> MirrorBall::reflect(const Eigen::Vector2d& point) const {
+  const Eigen::Vector3d d = camera_.ray(point);
+  // sin² of the angle to the axis by the cross product: the cosine would lose it for a ball far away.
+  const double along = distance_ * d.dot(towards_);
+  const double miss = distance_ * d.cross(towards_).norm();
+  if (along <= 0.0 || miss >= 1.0) return std::nullopt;
+  const double half_chord = std::sqrt((1.0 - miss) * (1.0 + miss));
+  const Eigen::Vector3d normal = (along - half_chord) * d - distance_ * towards_;
+  return MirrorPoint{(d + 2.0 * half_chord * normal).normalized(), half_chord};
+}
+
+std::optional<MirrorImage> MirrorBall::find(const Eigen::Vector3d& direction) const {
+  const double gamma = std::atan2(direction.cross(towards_).norm(), -direction.dot(towards_));
+  const double alpha = half_angle_;
+  if (gamma >= std::numbers::pi - alpha) return std::nullopt;
+  const double beta = normal_angle(gamma, distance_, std::numbers::pi / 2.0 - alpha);
+  Eigen::Vector3d sideways = direction - direction.dot(towards_) * towards_;
+  const double length = sideways.norm();
+  sideways = length > 1e-12 ? Eigen::Vector3d(sideways / length) : tangents(towards_).first;
+  const double c = std::cos(beta);
+  const Eigen::Vector3d point = (distance_ - c) * towards_ + std::sin(beta) * sideways;
+  const double range_squared = distance_ * distance_ - 2.0 * distance_ * c + 1.0;
+  const double delta = std::atan2(std::sin(beta), distance_ - c);
+  // dδ/dγ, the angle in the image for an angle outside, times pixels per radian in the image.
+  const double delta_slope = (distance_ * c - 1.0) / range_squared;
+  return MirrorImage{camera_.project(point), std::cos(beta + delta),
+                     camera_.focal_px * delta_slope / (2.0 + delta_slope),
+                     camera_.focal_px * (alpha - delta)};
+}
+
+double MirrorBall::radius_px() const {
+  double sum = 0.0;
+  constexpr int points = 64;
+  const Eigen::Vector2d centre = centre_px();
+  for (int i = 0; i < points; ++i)
+    sum += (outline_point(2.0 * std::numbers::pi * i / points) - centre).norm();
+  return sum / points;
+}
+
+Eigen::Vector2d MirrorBall::outline_point(double turn) const {
+  const auto [first, second] = tangents(towards_);
+  const double alpha = half_angle_;
+  return camera_.project(std::cos(alpha) * towards_ +
+                         std::sin(alpha) * (std::cos(turn) * first + std::sin(turn) * second));
+}
+
+void ProbeOptics::check() const {
+  if (focal_px.has_value() == distance_radii.has_value())
+    throw InputError(
+        "the distance of the camera is required: give either the focal length or the distance "
+        "from the camera to the ball");
+  if (focal_px && !(*focal_px > 0.0 && std::isfinite(*focal_px)))
+    throw InputError("the focal length is " + std::to_string(*focal_px) +
+                     " pixels; it must be above zero and finite");
+  if (distance_radii && !(*distance_radii > 1.0 && *distance_radii <= 1e6))
+    throw InputError("the camera's distance is " + std::to_string(*distance_radii) +
+                     " radii of the ball; give a number above 1, to the ball's centre");
+}
+
+OutlineFit fit_outline(std::span<const Eigen::Vector2d> points, const ProbeOptics& optics,
+                       const ImageCircle& start) {
+  optics.check();
+  if (points.size() < least_points)
+    throw InputError("the ball's outline shows in " + std::to_string(points.size()) +
+                     " places only; draw it yourself with --ball");
+  ProbeCamera camera{optics.focal_px.value_or(0.0), optics.principal_px};
+  Cone cone{start.centre, start.radius};
+  if (optics.focal_px) {
+    cone = fit_cone(points, camera, cone);
+  } else {
+    // The distance fixes the angle; the focal length follows from the size, and moves the fit a little.
+    const double alpha = std::asin(1.0 / *optics.distance_radii);
+    for (int i = 0; i < 20; ++i) {
+      camera.focal_px = cone.radius / alpha;
+      cone = fit_cone(points, camera, cone);
+      if (std::abs(cone.radius / camera.focal_px - alpha) < 1e-9 * alpha) break;
+    }
+    camera.focal_px = cone.radius / alpha;
+  }
+  OutlineFit fit{ball_of(cone, camera), 0.0, 0.0};
+  const Eigen::VectorXd r = residuals(points, camera, cone);
+  const auto near = (r.array().abs() < support_px).cast<double>();
+  const double count = near.sum();
+  fit.support = count / static_cast<double>(r.size());
+  fit.rms_px = count > 0.0 ? std::sqrt((r.array().square() * near).sum() / count) : 0.0;
+  return fit;
+}
+
+MirrorBall ball_from_circle(const ImageCircle& circle, const ProbeOptics& optics) {
+  if (!(circle.radius > 0.0) || !circle.centre.allFinite())
+    throw InputError("--ball: the radius is " + std::to_string(circle.radius) +
+                     " pixels; give centre and radius as X,Y,R with R above zero");
+  std::vector<Eigen::Vector2d> points;
+  for (int i = 0; i < 360; ++i) {
+    const double turn = 2.0 * std::numbers::pi * i / 360.0;
+    points.push_back(circle.centre + circle.radius * Eigen::Vector2d(std::cos(turn), std::sin(turn)));
+  }
+  return fit_outline(points, optics, circle).ball;
+}
 
 OutlineFit find_ball(const Image& photograph, const ProbeOptics& optics) {
   optics.check();

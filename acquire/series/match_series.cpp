@@ -25,6 +25,8 @@
 
 namespace refield {
 
+namespace fs = std::filesystem;
+
 namespace {
 
 constexpr std::size_t max_names = 5;  // of photographs that a note lists
@@ -114,84 +116,6 @@ void refine(const Signal& first, const Signal& second, bool with_drift, double s
     }
   }
 }
-
-}  // namespace
-
-double median_interval(std::span<const ClockSeconds> times) {
-  if (times.size() < 2) return 0.0;
-  std::vector<double> intervals;
-  for (std::size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
-  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
-}
-
-ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<const TimedBrightness> second,
-                              double largest_offset_seconds, bool with_drift) {
-  const std::string remedy = "; give the offset of the clocks with --offset";
-  if (first.size() < least_common || second.size() < least_common)
-    throw InputError("series of " + std::to_string(first.size()) + " and " + std::to_string(second.size()) +
-                     " photographs are too short to estimate the clock offset from brightness" + remedy);
-  if (!(largest_offset_seconds > 0.0))
-    throw InputError("the largest offset to try must be above zero seconds");
-  const Signal a(first), b(second);
-  const double step = 0.5 * std::min(a.interval, b.interval);
-  if (!(step > 0.0)) throw InputError("photographs of one series share one time" + remedy);
-
-  const auto tries = static_cast<int>(std::min(2e6, std::ceil(largest_offset_seconds / step)));
-  std::vector<double> found(2 * tries + 1);
-  ClockEstimate best{{0.0, 0.0, b.time.front()}, -2.0, 0.0};
-  for (int i = -tries; i <= tries; ++i) {
-    const ClockRelation relation{i * step, 0.0, b.time.front()};
-    const double value = found[i + tries] = correlation(a, b, relation);
-    if (value > best.correlation) best = {relation, value, 0.0};
-  }
-  const int peak = static_cast<int>(std::lround(best.relation.offset_seconds / step));
-  constexpr int another = 8;  // steps: four intervals away it is another offset
-  for (int i = -tries; i <= tries; ++i)
-    if (std::abs(i - peak) > another) best.runner_up = std::max(best.runner_up, found[i + tries]);
-  refine(a, b, with_drift, step, best);
-  if (best.correlation < least_correlation)
-    throw InputError("the brightness of the two series is not correlated (highest correlation " +
-                     std::to_string(best.correlation) + " within ±" + std::to_string(largest_offset_seconds) +
-                     " s); " + remedy.substr(2));
-  if (best.runner_up > ambiguous * best.correlation)
-    throw InputError(
-        "the brightness of the two series matches equally well at several offsets (correlations " +
-        std::to_string(best.correlation) + " and " + std::to_string(best.runner_up) + ")" + remedy);
-  return best;
-}
-
-std::vector<std::pair<std::size_t, std::size_t>> match_in_time(std::span<const ClockSeconds> first,
-                                                               std::span<const ClockSeconds> second,
-                                                               const ClockRelation& relation,
-                                                               double tolerance_seconds) {
-  struct Candidate {
-    double distance;
-    std::size_t first, second;
-  };
-  std::vector<Candidate> candidates;
-  for (std::size_t j = 0; j < second.size(); ++j) {
-    const double time = relation.first_from_second(second[j]);
-    const auto from = std::ranges::lower_bound(first, time - tolerance_seconds);
-    for (auto at = from; at != first.end() && *at <= time + tolerance_seconds; ++at)
-      candidates.push_back({std::abs(*at - time), static_cast<std::size_t>(at - first.begin()), j});
-  }
-  std::ranges::stable_sort(candidates, {}, &Candidate::distance);
-  std::vector<bool> first_taken(first.size()), second_taken(second.size());
-  std::vector<std::pair<std::size_t, std::size_t>> pairs;
-  for (const Candidate& candidate : candidates) {
-    if (first_taken[candidate.first] || second_taken[candidate.second]) continue;
-    first_taken[candidate.first] = second_taken[candidate.second] = true;
-    pairs.emplace_back(candidate.first, candidate.second);
-  }
-  std::ranges::sort(pairs);
-  return pairs;
-}
-
-namespace fs = std::filesystem;
-
-namespace {
 
 struct SeriesFile {
   fs::path path;  ///< of a discarded light map: what it would have been called
@@ -434,6 +358,78 @@ void write_session(const MatchRequest& request, CaptureSession session, const Ru
 }
 
 }  // namespace
+
+double median_interval(std::span<const ClockSeconds> times) {
+  if (times.size() < 2) return 0.0;
+  std::vector<double> intervals;
+  for (std::size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
+  std::nth_element(intervals.begin(), middle, intervals.end());
+  return *middle;
+}
+
+ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<const TimedBrightness> second,
+                              double largest_offset_seconds, bool with_drift) {
+  const std::string remedy = "; give the offset of the clocks with --offset";
+  if (first.size() < least_common || second.size() < least_common)
+    throw InputError("series of " + std::to_string(first.size()) + " and " + std::to_string(second.size()) +
+                     " photographs are too short to estimate the clock offset from brightness" + remedy);
+  if (!(largest_offset_seconds > 0.0))
+    throw InputError("the largest offset to try must be above zero seconds");
+  const Signal a(first), b(second);
+  const double step = 0.5 * std::min(a.interval, b.interval);
+  if (!(step > 0.0)) throw InputError("photographs of one series share one time" + remedy);
+
+  const auto tries = static_cast<int>(std::min(2e6, std::ceil(largest_offset_seconds / step)));
+  std::vector<double> found(2 * tries + 1);
+  ClockEstimate best{{0.0, 0.0, b.time.front()}, -2.0, 0.0};
+  for (int i = -tries; i <= tries; ++i) {
+    const ClockRelation relation{i * step, 0.0, b.time.front()};
+    const double value = found[i + tries] = correlation(a, b, relation);
+    if (value > best.correlation) best = {relation, value, 0.0};
+  }
+  const int peak = static_cast<int>(std::lround(best.relation.offset_seconds / step));
+  constexpr int another = 8;  // steps: four intervals away it is another offset
+  for (int i = -tries; i <= tries; ++i)
+    if (std::abs(i - peak) > another) best.runner_up = std::max(best.runner_up, found[i + tries]);
+  refine(a, b, with_drift, step, best);
+  if (best.correlation < least_correlation)
+    throw InputError("the brightness of the two series is not correlated (highest correlation " +
+                     std::to_string(best.correlation) + " within ±" + std::to_string(largest_offset_seconds) +
+                     " s); " + remedy.substr(2));
+  if (best.runner_up > ambiguous * best.correlation)
+    throw InputError(
+        "the brightness of the two series matches equally well at several offsets (correlations " +
+        std::to_string(best.correlation) + " and " + std::to_string(best.runner_up) + ")" + remedy);
+  return best;
+}
+
+std::vector<std::pair<std::size_t, std::size_t>> match_in_time(std::span<const ClockSeconds> first,
+                                                               std::span<const ClockSeconds> second,
+                                                               const ClockRelation& relation,
+                                                               double tolerance_seconds) {
+  struct Candidate {
+    double distance;
+    std::size_t first, second;
+  };
+  std::vector<Candidate> candidates;
+  for (std::size_t j = 0; j < second.size(); ++j) {
+    const double time = relation.first_from_second(second[j]);
+    const auto from = std::ranges::lower_bound(first, time - tolerance_seconds);
+    for (auto at = from; at != first.end() && *at <= time + tolerance_seconds; ++at)
+      candidates.push_back({std::abs(*at - time), static_cast<std::size_t>(at - first.begin()), j});
+  }
+  std::ranges::stable_sort(candidates, {}, &Candidate::distance);
+  std::vector<bool> first_taken(first.size()), second_taken(second.size());
+  std::vector<std::pair<std::size_t, std::size_t>> pairs;
+  for (const Candidate& candidate : candidates) {
+    if (first_taken[candidate.first] || second_taken[candidate.second]) continue;
+    first_taken[candidate.first] = second_taken[candidate.second] = true;
+    pairs.emplace_back(candidate.first, candidate.second);
+  }
+  std::ranges::sort(pairs);
+  return pairs;
+}
 
 MatchSummary match_series(const MatchRequest& request, const RunContext& run) {
   check_session_folder(request.folder, request.if_exists);

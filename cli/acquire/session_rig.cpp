@@ -200,42 +200,6 @@ void read_recipe_of(const fs::path& path, SessionFile& session) {
   session.order_seed = recipe.seed;
 }
 
-}  // namespace
-
-void add_rig_argument(CLI::App& verb, fs::path& rig) {
-  verb.add_option("rig_file", rig,
-                  "Rig file (.toml) that names the devices ('refield acquire devices -o rig.toml' writes "
-                  "one), or recipe of a simulated scene, camera and monitor")
-      ->required();
-}
-
-CLI::Option* add_truth_option(CLI::App& verb, fs::path& truth) {
-  return verb.add_option("--truth", truth,
-                         "Folder that 'refield simulate' created (from the recipe of a simulated rig; "
-                         "default: the scene is traced first)");
-}
-
-SessionFile read_session_file(const fs::path& path) {
-  const ConfigFile file(path, "rig file or recipe", "docs/reference/devices.md");
-  SessionFile session;
-  session.path = path;
-  if (!file.has("session")) {
-    read_recipe_of(path, session);
-    return session;
-  }
-  file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
-  const fs::path folder = fs::absolute(path).parent_path();
-  read_session(file.section("session"), folder, session);
-  session.camera = read_camera(file.section("camera"), file.optional_section("controls"), folder);
-  read_monitor(file.optional_section("monitor"), session);
-  if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
-  read_lights(file.section("lights"), folder, session.lights);
-  read_exposures(file.optional_section("exposures"), session);
-  return session;
-}
-
-namespace {
-
 RunContext run_with_notices() {
   RunContext run = run_context();
   run.on_note = tell;
@@ -294,40 +258,6 @@ std::unique_ptr<Illuminator> open_monitor(const SessionFile& session) {
          "early, so the calibration file must contain the latency measured by 'refield acquire calibrate'");
   return window;
 }
-
-}  // namespace
-
-SessionRig::SessionRig(const SessionFile& session) : recipe_(recipe_of(session)) {
-  if (recipe_) {
-    virtual_.emplace(virtual_rig(std::get<VirtualCameraOptions>(session.camera).truth, *recipe_));
-  } else {
-    camera_ = open_camera(session);
-    monitor_ = open_monitor(session);
-  }
-  if (session.trigger) trigger_.emplace(*session.trigger, run_context());
-}
-
-std::function<void(std::size_t)> SessionRig::before_light(const std::vector<CaptureLight>& lights) {
-  if (!virtual_) return nullptr;
-  std::uint32_t references = 0;
-  std::vector<std::uint32_t> repetition;
-  for (const CaptureLight& light : lights)
-    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
-  return [this, repetition](std::size_t i) {
-    const double last = std::max<double>(1.0, static_cast<double>(repetition.size()) - 1.0);
-    virtual_->set_place(static_cast<double>(i) / last, repetition[i]);
-  };
-}
-
-void tell(const std::string& sentence) {
-  static std::mutex mutex;            // cameras tell from threads of their own
-  static std::set<std::string> told;  // devices are opened several times
-  const std::scoped_lock lock(mutex);
-  if (!told.insert(sentence).second) return;
-  std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
-}
-
-namespace {
 
 // Keys without a comment sign must be there or are worth a look; the others are at their defaults.
 constexpr const char* before_camera =
@@ -425,6 +355,68 @@ std::string camera_line() {
 }
 
 }  // namespace
+
+void add_rig_argument(CLI::App& verb, fs::path& rig) {
+  verb.add_option("rig_file", rig,
+                  "Rig file (.toml) that names the devices ('refield acquire devices -o rig.toml' writes "
+                  "one), or recipe of a simulated scene, camera and monitor")
+      ->required();
+}
+
+CLI::Option* add_truth_option(CLI::App& verb, fs::path& truth) {
+  return verb.add_option("--truth", truth,
+                         "Folder that 'refield simulate' created (from the recipe of a simulated rig; "
+                         "default: the scene is traced first)");
+}
+
+SessionFile read_session_file(const fs::path& path) {
+  const ConfigFile file(path, "rig file or recipe", "docs/reference/devices.md");
+  SessionFile session;
+  session.path = path;
+  if (!file.has("session")) {
+    read_recipe_of(path, session);
+    return session;
+  }
+  file.check_names({"session", "camera", "controls", "monitor", "trigger", "lights", "exposures"});
+  const fs::path folder = fs::absolute(path).parent_path();
+  read_session(file.section("session"), folder, session);
+  session.camera = read_camera(file.section("camera"), file.optional_section("controls"), folder);
+  read_monitor(file.optional_section("monitor"), session);
+  if (file.has("trigger")) session.trigger = read_trigger(file.section("trigger"));
+  read_lights(file.section("lights"), folder, session.lights);
+  read_exposures(file.optional_section("exposures"), session);
+  return session;
+}
+
+SessionRig::SessionRig(const SessionFile& session) : recipe_(recipe_of(session)) {
+  if (recipe_) {
+    virtual_.emplace(virtual_rig(std::get<VirtualCameraOptions>(session.camera).truth, *recipe_));
+  } else {
+    camera_ = open_camera(session);
+    monitor_ = open_monitor(session);
+  }
+  if (session.trigger) trigger_.emplace(*session.trigger, run_context());
+}
+
+std::function<void(std::size_t)> SessionRig::before_light(const std::vector<CaptureLight>& lights) {
+  if (!virtual_) return nullptr;
+  std::uint32_t references = 0;
+  std::vector<std::uint32_t> repetition;
+  for (const CaptureLight& light : lights)
+    repetition.push_back(light.role == FrameRole::reference ? ++references : 0);
+  return [this, repetition](std::size_t i) {
+    const double last = std::max<double>(1.0, static_cast<double>(repetition.size()) - 1.0);
+    virtual_->set_place(static_cast<double>(i) / last, repetition[i]);
+  };
+}
+
+void tell(const std::string& sentence) {
+  static std::mutex mutex;            // cameras tell from threads of their own
+  static std::set<std::string> told;  // devices are opened several times
+  const std::scoped_lock lock(mutex);
+  if (!told.insert(sentence).second) return;
+  std::fprintf(stderr, "\nrefield: note: %s\n", sentence.c_str());
+}
 
 std::string session_template() {
   return before_camera + camera_line() + after_camera;

@@ -173,39 +173,6 @@ class HelpFormatter : public CLI::Formatter {
 
 std::optional<Json> printed;  ///< what print_json() was given
 
-}  // namespace
-
-std::shared_ptr<CLI::FormatterBase> help_formatter() {
-  return std::make_shared<HelpFormatter>();
-}
-
-std::string printable(const std::string& text) {
-  std::string shown;
-  int following = 0;  // bytes of a UTF-8 sequence still to come
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    const bool follows = byte >= 0x80 && byte < 0xc0 && following > 0;
-    const bool begins = byte >= 0xc2 && byte < 0xf5;
-    // U+0080 to U+009F are control characters, too.
-    const bool control =
-        byte < 0x20 || byte == 0x7f ||
-        (byte == 0xc2 && i + 1 < text.size() && static_cast<unsigned char>(text[i + 1]) < 0xa0);
-    following = follows                    ? following - 1
-                : byte >= 0xf0             ? 3
-                : byte >= 0xe0             ? 2
-                : byte >= 0xc2 && !control ? 1
-                                           : 0;
-    if (!control && (byte < 0x80 || follows || begins)) {
-      shown += text[i];
-    } else {
-      shown += formatted("\\x%02x", byte);
-    }
-  }
-  return shown;
-}
-
-namespace {
-
 /// Whether `value` is an object or a list that holds one.
 bool holds_objects(const Json& value) {
   return value.is_object() || (value.is_array() && std::any_of(value.begin(), value.end(), holds_objects));
@@ -248,7 +215,40 @@ void print_table(const Json& rows, int indent) {
     std::printf("%s\n", line.substr(0, line.find_last_not_of(' ') + 1).c_str());
 }
 
+Json finite_or_null(double value) {
+  return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
 }  // namespace
+
+std::shared_ptr<CLI::FormatterBase> help_formatter() {
+  return std::make_shared<HelpFormatter>();
+}
+
+std::string printable(const std::string& text) {
+  std::string shown;
+  int following = 0;  // bytes of a UTF-8 sequence still to come
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const bool follows = byte >= 0x80 && byte < 0xc0 && following > 0;
+    const bool begins = byte >= 0xc2 && byte < 0xf5;
+    // U+0080 to U+009F are control characters, too.
+    const bool control =
+        byte < 0x20 || byte == 0x7f ||
+        (byte == 0xc2 && i + 1 < text.size() && static_cast<unsigned char>(text[i + 1]) < 0xa0);
+    following = follows                    ? following - 1
+                : byte >= 0xf0             ? 3
+                : byte >= 0xe0             ? 2
+                : byte >= 0xc2 && !control ? 1
+                                           : 0;
+    if (!control && (byte < 0x80 || follows || begins)) {
+      shown += text[i];
+    } else {
+      shown += formatted("\\x%02x", byte);
+    }
+  }
+  return shown;
+}
 
 void print_figures(const Json& figures, int indent) {
   for (const auto& [key, item] : figures.items()) {
@@ -513,14 +513,6 @@ std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
                                            const std::string& extension) {
   return std::make_shared<const OutputLock>(output, inputs, extension);
 }
-
-namespace {
-
-Json finite_or_null(double value) {
-  return std::isfinite(value) ? Json(value) : Json(nullptr);
-}
-
-}  // namespace
 
 Json held_out_figures(const HeldOutError& error) {
   Json figures = {{"images", error.images},

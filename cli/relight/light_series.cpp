@@ -21,76 +21,6 @@ std::array<float, 3> point_of(const std::vector<float>& numbers) {
   return {numbers[0], numbers[1], numbers[2]};
 }
 
-}  // namespace
-
-void add_camera_options(CLI::App& verb, CameraOptions& options) {
-  const char* group =
-      "Camera (mesh fields only; default: the camera of the scene, else a front view of the whole mesh)";
-  const auto add_point = [&](const char* name, std::vector<float>& point, const char* what) {
-    verb.add_option(name, point, what)->delimiter(',')->expected(3)->type_name("X,Y,Z")->group(group);
-  };
-  verb.add_flag("--turntable", options.turntable,
-                "Move the camera on a full circle around the target over --frames images")
-      ->group(group);
-  add_point("--camera-position", options.position,
-            "Position of the camera in scene coordinates (+X right, +Y up, +Z forward)");
-  add_point("--camera-target", options.target,
-            "Point in scene coordinates that is in the centre of the image");
-  verb.add_option("--vertical-fov", options.fov, "Vertical field of view in degrees")->group(group);
-  verb.add_option("--size", options.size, "Size of the picture in pixels")
-      ->type_name("WIDTHxHEIGHT")
-      ->group(group);
-  verb.add_flag("--show-environment", options.show_environment,
-                "Show the environment behind the mesh, instead of transparency (EXR, PNG) or black (videos)")
-      ->group(group);
-}
-
-std::vector<ViewCamera> cameras_of(const CameraOptions& options, const Field& field,
-                                   const std::filesystem::path& path, int frames) {
-  if (!field.has_mesh()) {
-    if (are_given(options))
-      throw InputError(
-          path.string() +
-          ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
-          "--camera-position, --camera-target, --vertical-fov, --size, --turntable and --show-environment");
-    return {};
-  }
-  const PictureSize size = options.size.empty() ? PictureSize() : read_picture_size(options.size, {1, 1});
-  ViewCamera camera = standard_camera(field, size.width, size.height);
-  if (!options.position.empty()) camera.position = point_of(options.position);
-  if (!options.target.empty()) camera.target = point_of(options.target);
-  if (options.fov) camera.vertical_field_of_view_degrees = *options.fov;
-  return options.turntable ? turntable(camera, frames) : std::vector{camera};
-}
-
-void print_seen(const std::vector<SeenShare>& seen) {
-  constexpr std::size_t max_lines = 12;
-  if (seen.empty()) return;
-  std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
-              100.0 * seen.front().share.sphere);
-  if (seen.size() <= max_lines) {
-    for (const SeenShare& one : seen)
-      std::printf("%s: %.1f %% of the map's light comes from these directions\n", one.light.c_str(),
-                  100.0 * one.share.energy);
-    return;
-  }
-  const auto energy = [](const SeenShare& one) { return one.share.energy; };
-  const auto [least, most] = std::ranges::minmax_element(seen, {}, energy);
-  std::printf("%.1f %% (%s) to %.1f %% (%s) of the maps' light comes from these directions\n",
-              100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
-}
-
-Json seen_figures(const std::vector<SeenShare>& seen) {
-  Json list = Json::array();
-  for (const SeenShare& one : seen)
-    list.push_back({{"light", one.light},
-                    {"share_of_directions", one.share.sphere},
-                    {"share_of_light", one.share.energy}});
-  return list;
-}
-
-namespace {
-
 namespace fs = std::filesystem;
 
 /// "bar_0007"
@@ -251,6 +181,72 @@ void check(const RelightOptions& options) {
 }
 
 }  // namespace
+
+void add_camera_options(CLI::App& verb, CameraOptions& options) {
+  const char* group =
+      "Camera (mesh fields only; default: the camera of the scene, else a front view of the whole mesh)";
+  const auto add_point = [&](const char* name, std::vector<float>& point, const char* what) {
+    verb.add_option(name, point, what)->delimiter(',')->expected(3)->type_name("X,Y,Z")->group(group);
+  };
+  verb.add_flag("--turntable", options.turntable,
+                "Move the camera on a full circle around the target over --frames images")
+      ->group(group);
+  add_point("--camera-position", options.position,
+            "Position of the camera in scene coordinates (+X right, +Y up, +Z forward)");
+  add_point("--camera-target", options.target,
+            "Point in scene coordinates that is in the centre of the image");
+  verb.add_option("--vertical-fov", options.fov, "Vertical field of view in degrees")->group(group);
+  verb.add_option("--size", options.size, "Size of the picture in pixels")
+      ->type_name("WIDTHxHEIGHT")
+      ->group(group);
+  verb.add_flag("--show-environment", options.show_environment,
+                "Show the environment behind the mesh, instead of transparency (EXR, PNG) or black (videos)")
+      ->group(group);
+}
+
+std::vector<ViewCamera> cameras_of(const CameraOptions& options, const Field& field,
+                                   const std::filesystem::path& path, int frames) {
+  if (!field.has_mesh()) {
+    if (are_given(options))
+      throw InputError(
+          path.string() +
+          ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
+          "--camera-position, --camera-target, --vertical-fov, --size, --turntable and --show-environment");
+    return {};
+  }
+  const PictureSize size = options.size.empty() ? PictureSize() : read_picture_size(options.size, {1, 1});
+  ViewCamera camera = standard_camera(field, size.width, size.height);
+  if (!options.position.empty()) camera.position = point_of(options.position);
+  if (!options.target.empty()) camera.target = point_of(options.target);
+  if (options.fov) camera.vertical_field_of_view_degrees = *options.fov;
+  return options.turntable ? turntable(camera, frames) : std::vector{camera};
+}
+
+void print_seen(const std::vector<SeenShare>& seen) {
+  constexpr std::size_t max_lines = 12;
+  if (seen.empty()) return;
+  std::printf("The monitor covers %.1f %% of all directions; light from other directions is ignored.\n",
+              100.0 * seen.front().share.sphere);
+  if (seen.size() <= max_lines) {
+    for (const SeenShare& one : seen)
+      std::printf("%s: %.1f %% of the map's light comes from these directions\n", one.light.c_str(),
+                  100.0 * one.share.energy);
+    return;
+  }
+  const auto energy = [](const SeenShare& one) { return one.share.energy; };
+  const auto [least, most] = std::ranges::minmax_element(seen, {}, energy);
+  std::printf("%.1f %% (%s) to %.1f %% (%s) of the maps' light comes from these directions\n",
+              100.0 * energy(*least), least->light.c_str(), 100.0 * energy(*most), most->light.c_str());
+}
+
+Json seen_figures(const std::vector<SeenShare>& seen) {
+  Json list = Json::array();
+  for (const SeenShare& one : seen)
+    list.push_back({{"light", one.light},
+                    {"share_of_directions", one.share.sphere},
+                    {"share_of_light", one.share.energy}});
+  return list;
+}
 
 LightSeries light_series(const RelightOptions& options, const Field& field) {
   check(options);

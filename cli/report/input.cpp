@@ -146,6 +146,25 @@ void load_truth(ReportInput& input, const fs::path& scratch, const RunContext& r
           : "the noise-free images of the simulation, so the display's quantisation counts as error";
 }
 
+template <class T>
+std::optional<T> number(const Json& json, const char* key) {
+  const auto found = json.find(key);
+  if (found == json.end() || !found->is_number()) return std::nullopt;
+  return found->get<T>();
+}
+
+/// "estimated_memory_bytes": 457278272 reads "estimated memory 457 MB".
+std::string detail(std::string key, const Json& value) {
+  static constexpr std::string_view bytes = "_bytes";
+  const bool in_bytes = value.is_number() && key.ends_with(bytes);
+  if (in_bytes) key.resize(key.size() - bytes.size());
+  std::ranges::replace(key, '_', ' ');
+  key += ' ';
+  if (in_bytes) return key + bytes_text(value.get<double>());
+  if (value.is_number_float()) return key + significant(value.get<double>(), 3);
+  return key + (value.is_string() ? value.get<std::string>() : json_text(value));
+}
+
 }  // namespace
 
 std::optional<EstimateOptions> options_from_provenance(const std::string& provenance) {
@@ -186,31 +205,6 @@ ReportInput load_input(const CaptureSession& session, const std::vector<fs::path
   if (input.truth) hold_still(*input.truth);
   return input;
 }
-
-namespace fs = std::filesystem;
-
-namespace {
-
-template <class T>
-std::optional<T> number(const Json& json, const char* key) {
-  const auto found = json.find(key);
-  if (found == json.end() || !found->is_number()) return std::nullopt;
-  return found->get<T>();
-}
-
-/// "estimated_memory_bytes": 457278272 reads "estimated memory 457 MB".
-std::string detail(std::string key, const Json& value) {
-  static constexpr std::string_view bytes = "_bytes";
-  const bool in_bytes = value.is_number() && key.ends_with(bytes);
-  if (in_bytes) key.resize(key.size() - bytes.size());
-  std::ranges::replace(key, '_', ' ');
-  key += ' ';
-  if (in_bytes) return key + bytes_text(value.get<double>());
-  if (value.is_number_float()) return key + significant(value.get<double>(), 3);
-  return key + (value.is_string() ? value.get<std::string>() : json_text(value));
-}
-
-}  // namespace
 
 fs::path run_log_path(const fs::path& made) {
   fs::path path = made.lexically_normal();

@@ -54,18 +54,6 @@ double measure_relighting(const ReflectanceField& field, const LightMap& light) 
   return quantile(seconds, 0.5);
 }
 
-}  // namespace
-
-std::vector<std::string> kinds_of(const CaptureSession& session) {
-  std::vector<std::string> kinds;
-  for (const CaptureFrame& frame : session.frames_of(FrameRole::test)) kinds.push_back(frame.kind);
-  std::ranges::sort(kinds, comes_before);
-  kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
-  return kinds;
-}
-
-namespace {
-
 /// Errors of `field` on the held-out frames, sorted as kinds_of() sorts. `noise_scale`: held_out_errors().
 std::vector<HeldOutError> sorted_errors(const ReflectanceField& field, const CaptureSession& reference,
                                         double noise_scale, const RunContext& run) {
@@ -87,40 +75,6 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
   }
   return error.relative_rmse_map();
 }
-
-}  // namespace
-
-std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run) {
-  std::vector<FieldFigures> figures(input.fields.size());
-  const auto held_out = input.session.frames_of(FrameRole::test);
-  for (std::size_t f = 0; f < figures.size(); ++f) {
-    run.throw_if_stopped();
-    const ReflectanceField& field = input.fields[f].field;
-    if (!held_out.empty()) {
-      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session, 1.0, run)});
-      if (input.truth)
-        figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth, 0.0, run)});
-    }
-    if (!input.session.frames.empty()) {
-      const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();
-      figures[f].relight_seconds =
-          measure_relighting(field, read_illumination(frame, input.session.light.parameterisation, run));
-    }
-  }
-  return figures;
-}
-
-std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,
-                                        std::size_t count) {
-  auto frames = session.frames_of(FrameRole::test);
-  std::erase_if(frames, [&](const CaptureFrame& frame) { return frame.kind != kind; });
-  count = std::min(count, frames.size());
-  std::vector<CaptureFrame> chosen;
-  for (std::size_t i = 0; i < count; ++i) chosen.push_back(frames[(2 * i + 1) * frames.size() / (2 * count)]);
-  return chosen;
-}
-
-namespace {
 
 std::string name_of_kind(const HeldOutError& error) {
   return error.kind.empty() ? "all" : error.kind;
@@ -176,30 +130,6 @@ Json field_json(const FieldEntry& entry, const FieldFigures& figures) {
     json["errors"][errors.reference] = kinds_and_images_json(errors.kinds);
   return json;
 }
-
-}  // namespace
-
-Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
-                  const std::vector<ChosenPixel>& pixels) {
-  const CaptureSession& session = input.session;
-  Json json;
-  json["session"] = {{"folder", text_of(session)},
-                     {"width", session.width},
-                     {"height", session.height},
-                     {"light_width", session.light.width},
-                     {"light_height", session.light.height},
-                     {"training_images", session.frames_of(FrameRole::train).size()},
-                     {"held_out_images", session.frames_of(FrameRole::test).size()}};
-  json["fields"] = Json::array();
-  for (std::size_t f = 0; f < figures.size(); ++f)
-    json["fields"].push_back(field_json(input.fields[f], figures[f]));
-  json["pixels"] = Json::array();
-  for (const ChosenPixel& pixel : pixels)
-    json["pixels"].push_back({{"x", pixel.x}, {"y", pixel.y}, {"kind", pixel.kind}});
-  return json;
-}
-
-namespace {
 
 constexpr int max_kernel_width = 160;
 
@@ -503,7 +433,88 @@ Json logs_json(const std::vector<RunLog>& found) {
   return logs;
 }
 
+std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const CaptureSession& session) {
+  std::vector<ChosenPixel> pixels;
+  for (const auto& [x, y] : request.pixels) {
+    if (x < 0 || y < 0 || x >= session.width || y >= session.height)
+      throw InputError("--pixel " + std::to_string(x) + "," + std::to_string(y) +
+                       ": lies outside the photographs of " + text_of(session) + "; give 0 to " +
+                       std::to_string(session.width - 1) + ", 0 to " + std::to_string(session.height - 1));
+    pixels.push_back({x, y, "asked for"});
+  }
+  return pixels;
+}
+
+/// The check of a capture as it lies on disk; null where photographs are too few to estimate from.
+Json check_of(const CaptureSession& capture, const RunContext& run) try {
+  RunContext quiet = run;
+  quiet.on_note = {};  // the page says it
+  EstimateJob job = open_job(capture, {}, quiet);
+  const auto photographs = static_cast<int>(job.frames.size());
+  return check_json(check_frames(job, {}, quiet), photographs);
+} catch (const InputError&) {
+  return nullptr;
+}
+
 }  // namespace
+
+std::vector<std::string> kinds_of(const CaptureSession& session) {
+  std::vector<std::string> kinds;
+  for (const CaptureFrame& frame : session.frames_of(FrameRole::test)) kinds.push_back(frame.kind);
+  std::ranges::sort(kinds, comes_before);
+  kinds.erase(std::unique(kinds.begin(), kinds.end()), kinds.end());
+  return kinds;
+}
+
+std::vector<FieldFigures> evaluate(const ReportInput& input, const RunContext& run) {
+  std::vector<FieldFigures> figures(input.fields.size());
+  const auto held_out = input.session.frames_of(FrameRole::test);
+  for (std::size_t f = 0; f < figures.size(); ++f) {
+    run.throw_if_stopped();
+    const ReflectanceField& field = input.fields[f].field;
+    if (!held_out.empty()) {
+      figures[f].errors.push_back({"photographs", sorted_errors(field, input.session, 1.0, run)});
+      if (input.truth)
+        figures[f].errors.push_back({"exact images", sorted_errors(field, *input.truth, 0.0, run)});
+    }
+    if (!input.session.frames.empty()) {
+      const CaptureFrame& frame = held_out.empty() ? input.session.frames.front() : held_out.front();
+      figures[f].relight_seconds =
+          measure_relighting(field, read_illumination(frame, input.session.light.parameterisation, run));
+    }
+  }
+  return figures;
+}
+
+std::vector<CaptureFrame> spread_frames(const CaptureSession& session, const std::string& kind,
+                                        std::size_t count) {
+  auto frames = session.frames_of(FrameRole::test);
+  std::erase_if(frames, [&](const CaptureFrame& frame) { return frame.kind != kind; });
+  count = std::min(count, frames.size());
+  std::vector<CaptureFrame> chosen;
+  for (std::size_t i = 0; i < count; ++i) chosen.push_back(frames[(2 * i + 1) * frames.size() / (2 * count)]);
+  return chosen;
+}
+
+Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& figures,
+                  const std::vector<ChosenPixel>& pixels) {
+  const CaptureSession& session = input.session;
+  Json json;
+  json["session"] = {{"folder", text_of(session)},
+                     {"width", session.width},
+                     {"height", session.height},
+                     {"light_width", session.light.width},
+                     {"light_height", session.light.height},
+                     {"training_images", session.frames_of(FrameRole::train).size()},
+                     {"held_out_images", session.frames_of(FrameRole::test).size()}};
+  json["fields"] = Json::array();
+  for (std::size_t f = 0; f < figures.size(); ++f)
+    json["fields"].push_back(field_json(input.fields[f], figures[f]));
+  json["pixels"] = Json::array();
+  for (const ChosenPixel& pixel : pixels)
+    json["pixels"].push_back({{"x", pixel.x}, {"y", pixel.y}, {"kind", pixel.kind}});
+  return json;
+}
 
 Json check_json(const FrameReport& found, int photographs) {
   Json rows = Json::array();
@@ -558,33 +569,6 @@ ScratchFolder::~ScratchFolder() {
   std::error_code ignored;
   std::filesystem::remove_all(path_, ignored);
 }
-
-namespace {
-
-std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const CaptureSession& session) {
-  std::vector<ChosenPixel> pixels;
-  for (const auto& [x, y] : request.pixels) {
-    if (x < 0 || y < 0 || x >= session.width || y >= session.height)
-      throw InputError("--pixel " + std::to_string(x) + "," + std::to_string(y) +
-                       ": lies outside the photographs of " + text_of(session) + "; give 0 to " +
-                       std::to_string(session.width - 1) + ", 0 to " + std::to_string(session.height - 1));
-    pixels.push_back({x, y, "asked for"});
-  }
-  return pixels;
-}
-
-/// The check of a capture as it lies on disk; null where photographs are too few to estimate from.
-Json check_of(const CaptureSession& capture, const RunContext& run) try {
-  RunContext quiet = run;
-  quiet.on_note = {};  // the page says it
-  EstimateJob job = open_job(capture, {}, quiet);
-  const auto photographs = static_cast<int>(job.frames.size());
-  return check_json(check_frames(job, {}, quiet), photographs);
-} catch (const InputError&) {
-  return nullptr;
-}
-
-}  // namespace
 
 Json write_report(const ReportRequest& request, const RunContext& run) {
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
