@@ -11,7 +11,6 @@
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "cli/web/export.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

@@ -14,7 +14,6 @@
 #include <filesystem>
 #include <memory>
 #include <new>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -23,7 +22,6 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 
 namespace {
 

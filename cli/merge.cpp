@@ -3,18 +3,15 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include "cli/common/options.h"
 #include "cli/report/input.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"
 #include "core/field_io/field_shard.h"
-#include "estimate/estimate.h"
 
 namespace refield::cli {
 

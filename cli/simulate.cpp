@@ -9,7 +9,6 @@
 
 #include "cli/report/input.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

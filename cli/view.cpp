@@ -10,8 +10,6 @@
 #include "cli/dynamic/prepared_scene.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
-#include "core/light/monitor_placement.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield::cli {

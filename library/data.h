@@ -7,7 +7,6 @@
 #include <string>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 #include "core/base/floating_point.h"
 #include "core/base/run_context.h"

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/isolated.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

@@ -6,7 +6,6 @@
 #include <limits>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/output_lock.h"
 #include "core/field/field_statistics.h"
 #include "core/field/light_error.h"

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "acquire/import/bracket_response.h"
-#include "core/base/errors.h"
 #include "library/data.h"
 
 namespace refield {

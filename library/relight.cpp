@@ -8,7 +8,6 @@
 #include <optional>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "library/data.h"

@@ -5,7 +5,6 @@
 #include <string>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/session/capture_session.h"
 #include "relight/held_out.h"
 

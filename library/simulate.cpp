@@ -5,10 +5,8 @@
 #include <string>
 
 #include "cli/dynamic/prepared_scene.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
-#include "core/session/capture_session.h"
 #include "library/data.h"
 #include "relight/pack/pack.h"
 #include "simulate/prt/clusters.h"

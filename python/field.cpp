@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Estimation, fields and relighting.
-#include <algorithm>
 #include <filesystem>
 #include <span>
 #include <utility>

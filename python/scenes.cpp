@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
-#include <type_traits>
 
 #include "binding.h"
 #include "refield/compare.h"

@@ -3,12 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "acquire/capture/exposure_plan.h"
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -10,7 +10,6 @@
 #include "acquire/camera.h"
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/illuminator.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

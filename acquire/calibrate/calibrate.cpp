@@ -2,11 +2,8 @@
 #include "acquire/calibrate/calibrate.h"
 
 #include <cmath>
-#include <cstdio>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

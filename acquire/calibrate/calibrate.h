@@ -7,7 +7,6 @@
 #include "acquire/calibrate/display_light.h"
 #include "acquire/calibrate/response.h"
 #include "acquire/calibrate/timing.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -7,16 +7,12 @@
 #include <Eigen/Core>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <sstream>
-#include <string>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/linear_algebra.h"
-#include "core/image/image_io.h"
 
 namespace refield {
 

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "acquire/illuminator.h"
-#include "core/image/image.h"
 #include "core/image/image_io.h"
 
 namespace refield {

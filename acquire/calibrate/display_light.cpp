@@ -8,7 +8,6 @@
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "acquire/hdr/hdr_merge.h"
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 
 namespace refield {

@@ -5,7 +5,6 @@
 #include <string>
 
 #include "acquire/calibrate/bench.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -9,7 +9,6 @@
 #include <numbers>
 
 #include "acquire/calibrate/monotone_curve.h"
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 
 namespace refield {

@@ -4,7 +4,6 @@
 #include <array>
 
 #include "acquire/calibrate/bench.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

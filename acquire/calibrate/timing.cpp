@@ -9,7 +9,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 

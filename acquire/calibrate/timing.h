@@ -5,7 +5,6 @@
 
 #include "acquire/calibrate/bench.h"
 #include "acquire/calibrate/response.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -10,7 +10,6 @@
 #include "acquire/capture/scene_mask.h"
 #include "acquire/hdr/bracket_files.h"
 #include "acquire/hdr/hdr_merge.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
@@ -13,8 +12,6 @@
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/capture/session_writer.h"
 #include "acquire/illuminator.h"
-#include "core/base/run_context.h"
-#include "core/image/image_io.h"
 #include "core/session/capture_session.h"
 
 namespace refield {

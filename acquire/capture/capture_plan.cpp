@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <set>
 #include <sstream>
@@ -14,8 +13,6 @@
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
-#include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/session/journal.h"

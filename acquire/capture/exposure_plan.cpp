@@ -3,9 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 
 namespace refield {

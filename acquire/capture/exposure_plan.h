@@ -6,7 +6,6 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
-#include "acquire/hdr/hdr_merge.h"
 
 namespace refield {
 

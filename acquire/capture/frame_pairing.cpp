@@ -6,7 +6,6 @@
 #include <cmath>
 
 #include "acquire/capture/exposure_plan.h"
-#include "core/base/errors.h"
 
 namespace refield {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "core/base/errors.h"
+#include "core/image/image_io.h"
 
 namespace refield {
 

@@ -2,7 +2,6 @@
 #pragma once
 #include <filesystem>
 
-#include "core/image/image_io.h"
 #include "core/image/metrics.h"
 
 namespace refield {

@@ -10,7 +10,6 @@
 #include <cerrno>
 #include <sstream>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 
 namespace refield {

@@ -14,7 +14,6 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/image/colour.h"
 #include "core/image/tone_map.h"

@@ -15,11 +15,9 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <memory>
 #include <string_view>
 #include <thread>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 
 namespace refield {

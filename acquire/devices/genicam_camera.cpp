@@ -8,14 +8,11 @@
 #include <atomic>
 #include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
-#include <span>
 #include <thread>
 
 #include "acquire/devices/pixel_formats.h"
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 
 namespace refield {

@@ -8,7 +8,6 @@
 #include <cctype>
 #include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -18,7 +17,6 @@
 
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/bracket_files.h"
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 
 namespace refield {

@@ -8,9 +8,6 @@
 #include <filesystem>
 #include <thread>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
-
 namespace refield {
 
 namespace {

@@ -11,8 +11,6 @@
 #include <csetjmp>
 #include <cstdio>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {

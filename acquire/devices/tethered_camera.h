@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "acquire/camera.h"
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 
 namespace refield {

@@ -10,8 +10,6 @@
 
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

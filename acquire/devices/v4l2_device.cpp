@@ -17,8 +17,6 @@
 #include <utility>
 
 #include "acquire/devices/pixel_formats.h"
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

@@ -16,7 +16,6 @@
 #include <utility>
 
 #include "acquire/devices/tethered_camera.h"
-#include "core/base/errors.h"
 
 namespace refield {
 

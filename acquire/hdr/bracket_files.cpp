@@ -9,14 +9,12 @@
 #include <cctype>
 #include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <memory>
 #include <numeric>
 #include <string_view>
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/image/image_facts.h"

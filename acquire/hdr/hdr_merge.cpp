@@ -11,8 +11,6 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {

@@ -8,7 +8,6 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
-#include "core/image/image_io.h"
 
 namespace refield {
 

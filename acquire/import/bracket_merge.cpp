@@ -6,12 +6,9 @@
 #include <cmath>
 #include <cstdlib>
 #include <limits>
-#include <span>
-#include <vector>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/import/bracket_response.h"
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 #include "core/image/image_facts.h"
 

@@ -8,9 +8,6 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <numeric>
-
-#include "core/base/errors.h"
 
 namespace refield {
 

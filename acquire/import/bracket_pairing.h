@@ -9,7 +9,6 @@
 
 #include "acquire/hdr/bracket_files.h"
 #include "acquire/series/capture_time.h"
-#include "core/image/image.h"
 
 namespace refield {
 

@@ -12,7 +12,6 @@
 #include <optional>
 
 #include "acquire/calibrate/monotone_curve.h"
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/image/tone_map.h"
 

@@ -6,16 +6,12 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <optional>
 #include <regex>
-#include <string>
-#include <vector>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/scene_mask.h"
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/import_views.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"

@@ -9,11 +9,7 @@
 #include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
 #include "acquire/import/light_sources.h"
-#include "core/base/run_context.h"
 #include "core/base/units.h"
-#include "core/image/image_io.h"
-#include "core/light/light_map.h"
-#include "core/light/monitor_placement.h"
 
 namespace refield {
 

@@ -12,7 +12,6 @@
 #include <sstream>
 
 #include "acquire/import/bracket_pairing.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"

@@ -7,8 +7,6 @@
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/import_series.h"
 #include "acquire/series/capture_time.h"
-#include "core/base/run_context.h"
-#include "core/session/capture_session.h"
 
 namespace refield {
 

@@ -10,8 +10,6 @@
 #include <vector>
 
 #include "acquire/light_probe/mirror_ball.h"
-#include "core/image/image.h"
-#include "core/image/metrics.h"
 #include "core/light/light_map.h"
 
 namespace refield {

@@ -7,16 +7,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numbers>
 #include <sstream>
 
-#include "acquire/light_probe/mirror_ball.h"
-#include "acquire/light_probe/unwrap.h"
 #include "acquire/series/capture_time.h"
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"

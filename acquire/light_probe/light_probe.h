@@ -9,7 +9,6 @@
 
 #include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/unwrap.h"
-#include "core/base/run_context.h"
 
 namespace refield {
 

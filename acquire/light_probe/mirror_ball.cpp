@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/light_probe/mirror_ball.h"
 
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
 

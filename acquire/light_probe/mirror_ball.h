@@ -6,9 +6,7 @@
 #include <optional>
 #include <span>
 #include <utility>
-#include <vector>
 
-#include "core/image/image.h"
 #include "core/image/metrics.h"
 
 namespace refield {

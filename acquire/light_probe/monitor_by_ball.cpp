@@ -5,11 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 
 namespace refield {

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "acquire/light_probe/mirror_ball.h"
-#include "core/image/image.h"
 #include "core/light/monitor_placement.h"
 
 namespace refield {

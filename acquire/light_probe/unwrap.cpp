@@ -8,10 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
-#include <string>
-#include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "core/light/light_map.h"
 

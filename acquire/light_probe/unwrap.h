@@ -8,9 +8,6 @@
 #include <vector>
 
 #include "acquire/light_probe/mirror_ball.h"
-#include "core/image/image.h"
-#include "core/image/image_io.h"
-#include "core/image/metrics.h"
 #include "core/light/monitor_placement.h"
 
 namespace refield {

@@ -7,16 +7,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numbers>
-#include <optional>
 #include <sstream>
-#include <string>
 
 #include "acquire/capture/scene_mask.h"
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"

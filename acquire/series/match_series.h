@@ -11,8 +11,6 @@
 
 #include "acquire/capture/session_writer.h"
 #include "acquire/series/capture_time.h"
-#include "core/base/run_context.h"
-#include "core/light/light_map.h"
 
 namespace refield {
 

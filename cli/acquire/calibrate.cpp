@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/calibrate.h"
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "cli/acquire/session_rig.h"
@@ -15,7 +12,6 @@
 #include "cli/report/page.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

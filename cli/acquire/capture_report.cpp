@@ -7,8 +7,6 @@
 #include "cli/common/options.h"
 #include "cli/report/input.h"
 #include "cli/run_context.h"
-#include "core/base/errors.h"
-#include "core/base/json.h"
 #include "estimate/rig/verdict.h"
 
 namespace refield::cli {

@@ -4,7 +4,6 @@
 #include <CLI/CLI.hpp>
 
 #include <filesystem>
-#include <string>
 
 #include "acquire/capture/capture.h"
 #include "acquire/capture/session_writer.h"

@@ -11,7 +11,6 @@
 #include "cli/acquire/session_rig.h"
 #include "cli/common/options.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 

@@ -13,7 +13,6 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/json.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"

@@ -2,7 +2,6 @@
 // refield acquire lights: patterns of the monitor's size, made from images of any size or from a seed.
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -12,7 +11,6 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "cli/acquire/session_rig.h"
-#include "core/image/image.h"
 
 namespace refield::cli {
 

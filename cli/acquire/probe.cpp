@@ -11,11 +11,9 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"
-#include "core/session/capture_session.h"
 
 namespace refield::cli {
 

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <memory>
 #include <optional>
 
@@ -12,7 +11,6 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/output_lock.h"

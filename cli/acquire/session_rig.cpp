@@ -6,7 +6,6 @@
 #include <mutex>
 #include <set>
 #include <sstream>
-#include <string>
 
 #include "acquire/devices/v4l2_device.h"
 #include "cli/run_context.h"

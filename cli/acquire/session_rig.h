@@ -17,7 +17,6 @@
 #include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/window_monitor.h"
 #include "acquire/illuminator.h"
-#include "core/light/monitor_placement.h"
 #include "simulate/rig/virtual_rig.h"
 #include "simulate/tabletop/recipe.h"
 

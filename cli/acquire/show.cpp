@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -19,7 +18,6 @@
 #include "cli/common/options.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"

@@ -5,10 +5,8 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 
 #include "cli/run_context.h"
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "estimate/quality/light_order.h"

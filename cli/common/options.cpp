@@ -5,12 +5,9 @@
 #include <cmath>
 #include <cstdio>
 #include <sstream>
-#include <string>
 #include <string_view>
 
 #include "acquire/import/bracket_merge.h"
-#include "cli/run_context.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/number_text.h"

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/dynamic/prepared_scene.h"
 
-#include <memory>
-
 #include "relight/mesh/mesh_view.h"
-#include "simulate/geometry/place_mesh.h"
 
 namespace refield::cli {
 

@@ -2,11 +2,8 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <vector>
 
-#include "core/base/run_context.h"
-#include "core/image/image.h"
 #include "simulate/dynamic/dynamic_light.h"
 
 namespace refield::cli {

@@ -8,13 +8,10 @@
 #include <string_view>
 
 #include "cli/report/page.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
-#include "core/image/image_io.h"
 #include "estimate/rig/rig_model.h"
 #include "relight/held_out.h"
 

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "core/base/json.h"
-#include "core/base/run_context.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"
 #include "core/session/capture_session.h"

@@ -7,8 +7,6 @@
 #include <cmath>
 #include <limits>
 
-#include "core/base/errors.h"
-#include "core/base/json.h"
 #include "core/image/false_colour.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"

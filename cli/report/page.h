@@ -6,7 +6,6 @@
 #include <string>
 
 #include "core/base/json.h"
-#include "core/image/image.h"
 #include "core/image/metrics.h"
 
 namespace refield::report {

@@ -4,9 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numeric>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "estimate/estimate.h"
 

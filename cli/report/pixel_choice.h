@@ -8,10 +8,8 @@
 #include <vector>
 
 #include "cli/report/input.h"
-#include "core/base/run_context.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"
-#include "core/image/metrics.h"
 
 namespace refield::report {
 

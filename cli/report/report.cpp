@@ -8,17 +8,13 @@
 #include <chrono>
 #include <cmath>
 #include <map>
-#include <string>
 #include <utility>
 
 #include "cli/report/page.h"
 #include "cli/report/request.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
-#include "core/image/image_io.h"
 #include "estimate/job/estimate_job.h"
 #include "estimate/quality/frame_check.h"
 #include "estimate/rig/verdict.h"

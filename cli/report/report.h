@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -9,7 +8,6 @@
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
 #include "core/base/json.h"
-#include "core/base/run_context.h"
 #include "core/session/capture_session.h"
 #include "estimate/estimate.h"
 #include "relight/held_out.h"

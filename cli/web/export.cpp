@@ -7,22 +7,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <fstream>
 #include <functional>
 #include <limits>
 #include <new>
 #include <set>
-#include <span>
-#include <vector>
 
 #include "cli/report/page.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/number_text.h"
-#include "core/base/run_context.h"
-#include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/image/tone_map.h"
 #include "relight/sequence.h"

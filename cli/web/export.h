@@ -8,10 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
-#include "core/image/image.h"
-#include "core/light/light_map.h"
 
 namespace refield::web {
 
