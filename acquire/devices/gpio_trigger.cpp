@@ -61,42 +61,56 @@ timespec timespec_of(Seconds s) {
   return {static_cast<time_t>(whole / 1'000'000'000), static_cast<long>(whole % 1'000'000'000)};
 }
 
-template <class Line>
-std::optional<Line> opened(const std::optional<GpioLineAddress>& address, const auto&... more) {
-  return address ? std::optional<Line>(std::in_place, *address, more...) : std::nullopt;
-}
-
-GpioTriggerOptions checked(const GpioTriggerOptions& options) {
-  options.check();
-  return options;
-}
-
-}  // namespace
-
-std::string GpioLineAddress::text() const {
-  return chip + " line " + std::to_string(line);
-}
-
-struct GpioOutput::State : OpenLine {
-  using OpenLine::OpenLine;
+/// A line that this program drives. It is inactive when the object is made and again when it goes.
+class OutputLine : OpenLine {
+ public:
+  /// Throws DeviceError when the chip is missing, the line is taken (the message says by whom) or not an
+  /// output.
+  explicit OutputLine(const GpioLineAddress& wanted) : OpenLine(wanted) {
+    if (gpiod_line_request_output_flags(line, consumer, flags(), 0) != 0) refused();
+  }
+  ~OutputLine() { gpiod_line_set_value(line, 0); }
+  void set(bool active) const {
+    if (gpiod_line_set_value(line, active ? 1 : 0) != 0) fail(address, "cannot be driven");
+  }
 };
 
-GpioOutput::GpioOutput(const GpioLineAddress& address) : state_(std::make_unique<State>(address)) {
-  if (gpiod_line_request_output_flags(state_->line, consumer, state_->flags(), 0) != 0) state_->refused();
-}
-GpioOutput::GpioOutput(GpioOutput&&) noexcept = default;
-GpioOutput::~GpioOutput() {
-  if (state_) gpiod_line_set_value(state_->line, 0);
-}
+/// A line that something else drives, watched for its changes.
+class InputLine : OpenLine {
+ public:
+  /// Throws as OutputLine does. `run` stops waiting.
+  InputLine(const GpioLineAddress& wanted, RunContext run) : OpenLine(wanted), run_(std::move(run)) {
+    if (gpiod_line_request_both_edges_events_flags(line, consumer, flags()) != 0) refused();
+  }
 
-void GpioOutput::set(bool active) {
-  if (gpiod_line_set_value(state_->line, active ? 1 : 0) != 0) fail(state_->address, "cannot be driven");
-}
+  bool is_active() const {
+    const int value = gpiod_line_get_value(line);
+    if (value < 0) fail(address, "cannot be read");
+    return value == 1;
+  }
+  void forget_changes() const {
+    while (wait(Seconds(0))) read();
+  }
+  /// Waits for the next change to active since the last call; its instant as the kernel saw it, on the
+  /// monotonic clock. nullopt after `timeout`. Throws DeviceError when the chip is gone, Interrupted when
+  /// asked to stop.
+  std::optional<TimePoint> wait_for_active(Seconds timeout) const {
+    const auto deadline = std::chrono::steady_clock::now() + timeout;
+    while (true) {
+      run_.throw_if_stopped();
+      const Seconds left = deadline - std::chrono::steady_clock::now();
+      if (!wait(std::min(left, look_for_stop))) {
+        is_active();  // a chip that is gone gives no events, but says so here
+        if (left.count() <= 0.0) return std::nullopt;
+        continue;
+      }
+      const gpiod_line_event event = read();
+      if (event.event_type == GPIOD_LINE_EVENT_RISING_EDGE)
+        return TimePoint(std::chrono::seconds(event.ts.tv_sec) + std::chrono::nanoseconds(event.ts.tv_nsec));
+    }
+  }
 
-struct GpioInput::State : OpenLine {
-  using OpenLine::OpenLine;
-  RunContext run;
-
+ private:
   /// True when an event waits to be read.
   bool wait(Seconds timeout) const {
     const timespec time = timespec_of(timeout);
@@ -109,41 +123,13 @@ struct GpioInput::State : OpenLine {
     if (gpiod_line_event_read(line, &event) != 0) fail(address, "cannot be read");
     return event;
   }
+  RunContext run_;
 };
 
-GpioInput::GpioInput(const GpioLineAddress& address, RunContext run)
-    : state_(std::make_unique<State>(address)) {
-  state_->run = std::move(run);
-  if (gpiod_line_request_both_edges_events_flags(state_->line, consumer, state_->flags()) != 0)
-    state_->refused();
-}
-GpioInput::GpioInput(GpioInput&&) noexcept = default;
-GpioInput::~GpioInput() = default;
+}  // namespace
 
-bool GpioInput::is_active() {
-  const int value = gpiod_line_get_value(state_->line);
-  if (value < 0) fail(state_->address, "cannot be read");
-  return value == 1;
-}
-
-void GpioInput::forget_changes() {
-  while (state_->wait(Seconds(0))) state_->read();
-}
-
-std::optional<TimePoint> GpioInput::wait_for_active(Seconds timeout) {
-  const auto deadline = std::chrono::steady_clock::now() + timeout;
-  while (true) {
-    state_->run.throw_if_stopped();
-    const Seconds left = deadline - std::chrono::steady_clock::now();
-    if (!state_->wait(std::min(left, look_for_stop))) {
-      is_active();  // a chip that is gone gives no events, but says so here
-      if (left.count() <= 0.0) return std::nullopt;
-      continue;
-    }
-    const gpiod_line_event event = state_->read();
-    if (event.event_type == GPIOD_LINE_EVENT_RISING_EDGE)
-      return TimePoint(std::chrono::seconds(event.ts.tv_sec) + std::chrono::nanoseconds(event.ts.tv_nsec));
-  }
+std::string GpioLineAddress::text() const {
+  return chip + " line " + std::to_string(line);
 }
 
 std::vector<GpioChipInfo> find_gpio_chips() {
@@ -182,39 +168,46 @@ void GpioTriggerOptions::check() const {
                      " s lies outside 0 to 3600 s");
 }
 
-GpioTrigger::GpioTrigger(const GpioTriggerOptions& options, const RunContext& run)
-    : options_(checked(options)),
-      trigger_(options.trigger),
-      ready_(opened<GpioInput>(options.ready, run)),
-      strobe_(opened<GpioInput>(options.strobe, run)),
-      light_source_(opened<GpioOutput>(options.light_source)) {
-  if (light_source_) light_source_->set(true);
-}
+struct GpioTrigger::State {
+  GpioTriggerOptions options;
+  OutputLine trigger;
+  std::optional<InputLine> ready, strobe;
+  std::optional<OutputLine> light_source;
 
-void GpioTrigger::wait_until_ready() {
-  if (!ready_) return;
-  ready_->forget_changes();
-  if (ready_->is_active() || ready_->wait_for_active(options_.timeout)) return;
-  throw DeviceError(options_.ready->text(), ETIMEDOUT,
-                    "the camera did not become ready within " + std::to_string(options_.timeout.count()) +
-                        " s; check its power, the wire and the line's polarity");
-}
+  State(const GpioTriggerOptions& given, const RunContext& run) : options(given), trigger(given.trigger) {
+    if (given.ready) ready.emplace(*given.ready, run);
+    if (given.strobe) strobe.emplace(*given.strobe, run);
+    if (given.light_source) light_source.emplace(*given.light_source).set(true);
+  }
 
-void GpioTrigger::pulse() {
-  trigger_.set(true);
-  std::this_thread::sleep_for(options_.pulse_width);
-  trigger_.set(false);
+  void wait_until_ready() const {
+    if (!ready) return;
+    ready->forget_changes();
+    if (ready->is_active() || ready->wait_for_active(options.timeout)) return;
+    throw DeviceError(options.ready->text(), ETIMEDOUT,
+                      "the camera did not become ready within " + std::to_string(options.timeout.count()) +
+                          " s; check its power, the wire and the line's polarity");
+  }
+};
+
+GpioTrigger::GpioTrigger(const GpioTriggerOptions& options, const RunContext& run) {
+  options.check();
+  state_ = std::make_unique<State>(options, run);
 }
+GpioTrigger::~GpioTrigger() = default;
 
 TimePoint GpioTrigger::fire() {
-  wait_until_ready();
-  if (strobe_) strobe_->forget_changes();
+  const auto& [options, trigger, ready, strobe, light_source] = *state_;
+  state_->wait_until_ready();
+  if (strobe) strobe->forget_changes();
   const TimePoint before(std::chrono::steady_clock::now().time_since_epoch());
-  pulse();
-  if (!strobe_) return before;
-  if (const auto begun = strobe_->wait_for_active(options_.timeout)) return *begun;
-  throw DeviceError(options_.strobe->text(), ETIMEDOUT,
-                    "no strobe within " + std::to_string(options_.timeout.count()) +
+  trigger.set(true);
+  std::this_thread::sleep_for(options.pulse_width);
+  trigger.set(false);
+  if (!strobe) return before;
+  if (const auto begun = strobe->wait_for_active(options.timeout)) return *begun;
+  throw DeviceError(options.strobe->text(), ETIMEDOUT,
+                    "no strobe within " + std::to_string(options.timeout.count()) +
                         " s of the trigger; check that the camera is in its trigger mode and that both wires "
                         "are connected");
 }

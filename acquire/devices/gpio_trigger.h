@@ -12,8 +12,6 @@
 
 namespace refield {
 
-// The seam to libgpiod: gpio_lines.cpp alone knows its interface, which version 2 changes altogether.
-
 /// A line of a GPIO chip. Levels are logical: active is low voltage on an `active_low` line.
 struct GpioLineAddress {
   std::string chip;  ///< "/dev/gpiochip0", "gpiochip0", its label, or its number
@@ -21,43 +19,6 @@ struct GpioLineAddress {
   bool active_low = false;
 
   std::string text() const;
-};
-
-/// A line that this program drives. It is inactive when the object is made and again when it goes.
-class GpioOutput {
- public:
-  /// Throws DeviceError when the chip is missing, the line is taken (the message says by whom) or not an
-  /// output.
-  explicit GpioOutput(const GpioLineAddress& address);
-  ~GpioOutput();
-  GpioOutput(GpioOutput&&) noexcept;
-  /// Throws DeviceError when the chip is gone.
-  void set(bool active);
-
- private:
-  struct State;
-  std::unique_ptr<State> state_;
-};
-
-/// A line that something else drives, watched for its changes.
-class GpioInput {
- public:
-  /// Throws as GpioOutput does. `run` stops waiting.
-  explicit GpioInput(const GpioLineAddress& address, RunContext run = {});
-  ~GpioInput();
-  GpioInput(GpioInput&&) noexcept;
-
-  bool is_active();
-  /// Forgets changes up to now.
-  void forget_changes();
-  /// Waits for the next change to active since the last call; its instant as the kernel saw it, on the
-  /// monotonic clock. nullopt after `timeout`. Throws DeviceError when the chip is gone, Interrupted when
-  /// asked to stop.
-  std::optional<TimePoint> wait_for_active(Seconds timeout);
-
- private:
-  struct State;
-  std::unique_ptr<State> state_;
 };
 
 struct GpioChipInfo {
@@ -90,15 +51,12 @@ class GpioTrigger final : public Trigger {
  public:
   /// `run` stops waiting.
   explicit GpioTrigger(const GpioTriggerOptions& options, const RunContext& run = {});
+  ~GpioTrigger() override;
   TimePoint fire() override;
 
  private:
-  void wait_until_ready();
-  void pulse();
-  GpioTriggerOptions options_;
-  GpioOutput trigger_;
-  std::optional<GpioInput> ready_, strobe_;
-  std::optional<GpioOutput> light_source_;
+  struct State;
+  std::unique_ptr<State> state_;
 };
 
 }  // namespace refield

@@ -91,7 +91,7 @@ TEST_F(GpioTriggerTest, ChipsAreListed) {
   const auto chips = find_gpio_chips();
   ASSERT_FALSE(chips.empty());
   EXPECT_EQ(chips.back().lines, 8u);
-  const GpioOutput taken(line(3));
+  const GpioTrigger taken({.trigger = line(3)});
   EXPECT_THAT(find_gpio_chips().back().named_lines, testing::ElementsAre("3 (used by refield)"));
 }
 
@@ -165,7 +165,7 @@ TEST_F(GpioTriggerTest, AMissingStrobeIsSaid) {
 }
 
 TEST_F(GpioTriggerTest, ALineInUseIsRefusedByName) {
-  const GpioOutput mine(line(1));
+  const GpioTrigger mine({.trigger = line(1)});
   try {
     GpioTrigger trigger({.trigger = line(1)});
     ADD_FAILURE() << "the line was taken";
