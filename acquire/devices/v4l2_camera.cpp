@@ -2,6 +2,8 @@
 #include "acquire/devices/tethered_camera.h"
 
 #include <linux/videodev2.h>
+#include <poll.h>
+#include <sys/mman.h>
 
 #include <algorithm>
 #include <array>
@@ -57,7 +59,14 @@ class V4l2Settings {
   /// Switches automatic modes off, then makes the `wanted` settings (by v4l2-ctl's names). Throws InputError
   /// for a control that is not there or a value out of its range, DeviceError when the camera keeps choosing
   /// its exposure, gain or white balance, or reads back another value than was set.
-  V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted);
+  V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted)
+      : device_(device), controls_(controls_of(device)) {
+    switch_off_automatic_modes(wanted);
+    make(wanted);
+    if (const auto* control = find(V4L2_CID_EXPOSURE_ABSOLUTE)) exposure_ = *control;
+    for (std::uint32_t id : {V4L2_CID_ANALOGUE_GAIN, V4L2_CID_GAIN})
+      if (const auto* control = find(id); control && !gain_) gain_ = *control;
+  }
 
   /// Sentences about automatic modes that would not be switched off but may do no harm.
   const std::vector<std::string>& warnings() const { return warnings_; }
@@ -67,74 +76,295 @@ class V4l2Settings {
   const std::optional<V4l2ControlInfo>& gain() const { return gain_; }
 
   /// Sets a control and returns what it reads back.
-  std::int64_t set(const V4l2ControlInfo& control, std::int64_t value) const;
+  std::int64_t set(const V4l2ControlInfo& control, std::int64_t value) const {
+    v4l2_control setting{control.id, static_cast<__s32>(value)};
+    device_.call(VIDIOC_S_CTRL, &setting, "refuses control " + control.name + " = " + std::to_string(value));
+    v4l2_control now{control.id, 0};
+    device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control.name);
+    return now.value;
+  }
 
  private:
-  const V4l2ControlInfo* find(std::uint32_t id) const;
-  void switch_off_automatic_modes(const std::map<std::string, std::int64_t>& wanted);
-  void make(const std::map<std::string, std::int64_t>& wanted);
+  const V4l2ControlInfo* find(std::uint32_t id) const {
+    const auto found = std::ranges::find(controls_, id, &V4l2ControlInfo::id);
+    return found == controls_.end() ? nullptr : &*found;
+  }
+
+  void switch_off_automatic_modes(const std::map<std::string, std::int64_t>& wanted) {
+    for (const AutomaticMode& mode : automatic_modes) {
+      const V4l2ControlInfo* control = find(mode.id);
+      if (!control || wanted.contains(control->name)) continue;
+      v4l2_control setting{mode.id, static_cast<__s32>(mode.off)};
+      device_.try_call(VIDIOC_S_CTRL, &setting);
+      v4l2_control now{mode.id, 0};
+      device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control->name);
+      if (now.value == mode.off) continue;
+      const std::string sentence = std::string("keeps choosing its ") + mode.what + " by itself (control " +
+                                   control->name + " stays at " + std::to_string(now.value) + ")";
+      if (mode.spoils_captures)
+        throw DeviceError(device_.node().string(), EINVAL,
+                          sentence +
+                              "; photographs would not be comparable: use another camera, or set the control "
+                              "in the rig file");
+      warnings_.push_back(device_.node().string() + ": " + sentence);
+    }
+  }
+
+  void make(const std::map<std::string, std::int64_t>& wanted) {
+    for (const auto& [name, value] : wanted) {
+      const auto control = std::ranges::find(controls_, name, &V4l2ControlInfo::name);
+      const std::string prefix = device_.node().string() + ": control " + name;
+      if (control == controls_.end())
+        throw InputError(prefix + " is not there; 'refield acquire devices' lists controls");
+      if (value < control->lowest || value > control->highest)
+        throw InputError(prefix + " = " + std::to_string(value) + ": " + range_text(*control));
+      if (const std::int64_t now = set(*control, value); now != value)
+        throw DeviceError(device_.node().string(), EINVAL,
+                          "control " + name + " reads " + std::to_string(now) + " after it was set to " +
+                              std::to_string(value) + "; " + range_text(*control));
+    }
+  }
+
   const V4l2Device& device_;
   std::vector<V4l2ControlInfo> controls_;
   std::vector<std::string> warnings_;
   std::optional<V4l2ControlInfo> exposure_, gain_;
 };
 
-V4l2Settings::V4l2Settings(const V4l2Device& device, const std::map<std::string, std::int64_t>& wanted)
-    : device_(device), controls_(controls_of(device)) {
-  switch_off_automatic_modes(wanted);
-  make(wanted);
-  if (const auto* control = find(V4L2_CID_EXPOSURE_ABSOLUTE)) exposure_ = *control;
-  for (std::uint32_t id : {V4L2_CID_ANALOGUE_GAIN, V4L2_CID_GAIN})
-    if (const auto* control = find(id); control && !gain_) gain_ = *control;
+constexpr auto capture_type = static_cast<__u32>(V4L2_BUF_TYPE_VIDEO_CAPTURE);
+constexpr int max_stop_checks_ms = 200;  // how soon Ctrl-C is heard while no frame comes
+
+v4l2_buffer mapped_buffer(std::uint32_t index) {
+  v4l2_buffer buffer{};
+  buffer.type = capture_type;
+  buffer.memory = V4L2_MEMORY_MMAP;
+  buffer.index = index;
+  return buffer;
 }
 
-const V4l2ControlInfo* V4l2Settings::find(std::uint32_t id) const {
-  const auto found = std::ranges::find(controls_, id, &V4l2ControlInfo::id);
-  return found == controls_.end() ? nullptr : &*found;
+std::string size_text(int width, int height) {
+  return std::to_string(width) + "×" + std::to_string(height);
 }
 
-void V4l2Settings::switch_off_automatic_modes(const std::map<std::string, std::int64_t>& wanted) {
-  for (const AutomaticMode& mode : automatic_modes) {
-    const V4l2ControlInfo* control = find(mode.id);
-    if (!control || wanted.contains(control->name)) continue;
-    v4l2_control setting{mode.id, static_cast<__s32>(mode.off)};
-    device_.try_call(VIDIOC_S_CTRL, &setting);
-    v4l2_control now{mode.id, 0};
-    device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control->name);
-    if (now.value == mode.off) continue;
-    const std::string sentence = std::string("keeps choosing its ") + mode.what + " by itself (control " +
-                                 control->name + " stays at " + std::to_string(now.value) + ")";
-    if (mode.spoils_captures)
-      throw DeviceError(device_.node().string(), EINVAL,
-                        sentence +
-                            "; photographs would not be comparable: use another camera, or set the control "
-                            "in the rig file");
-    warnings_.push_back(device_.node().string() + ": " + sentence);
+bool is_bt709(const v4l2_pix_format& pixels) {
+  if (pixels.ycbcr_enc != V4L2_YCBCR_ENC_DEFAULT) return pixels.ycbcr_enc == V4L2_YCBCR_ENC_709;
+  return V4L2_MAP_YCBCR_ENC_DEFAULT(pixels.colorspace) == V4L2_YCBCR_ENC_709;
+}
+
+bool is_full_range(const v4l2_pix_format& pixels) {
+  if (pixels.quantization != V4L2_QUANTIZATION_DEFAULT)
+    return pixels.quantization == V4L2_QUANTIZATION_FULL_RANGE;
+  return pixels.colorspace == V4L2_COLORSPACE_JPEG;
+}
+
+/// Frame interval of an input that follows its source's timings, such as HDMI; 0 where it does not.
+Seconds interval_of_timings(const V4l2Device& device) {
+  v4l2_dv_timings timings{};
+  if (device.try_call(VIDIOC_G_DV_TIMINGS, &timings) != 0 || timings.bt.pixelclock == 0) return Seconds(0);
+  const double total =
+      static_cast<double>(V4L2_DV_BT_FRAME_WIDTH(&timings.bt)) * V4L2_DV_BT_FRAME_HEIGHT(&timings.bt);
+  return Seconds(total / static_cast<double>(timings.bt.pixelclock));
+}
+
+/// What the driver made of the format that was asked for.
+struct V4l2StreamFormat {
+  std::uint32_t fourcc = 0;
+  int width = 0;
+  int height = 0;
+  std::size_t bytes_per_line = 0;
+  bool bt709 = false;       ///< of YUV formats: luma weights of BT.709, else of BT.601
+  bool full_range = false;  ///< of YUV formats
+  Seconds frame_interval{0};
+};
+
+/// One buffer as the driver filled it. `bytes` are valid until it is given back.
+struct V4l2Filled {
+  std::uint32_t index = 0;
+  std::span<const std::uint8_t> bytes;
+  TimePoint stamp{};
+  bool is_end_of_frame = false;  ///< the stamp tells when the frame's last byte came, not when exposure began
+  bool is_monotonic = false;     ///< the stamp is of CLOCK_MONOTONIC
+  bool is_damaged = false;       ///< V4L2_BUF_FLAG_ERROR
+  std::uint32_t sequence = 0;    ///< as the driver counts, wrapping at 2^32
+};
+
+/// Memory-mapped streaming from a V4L2 node, which must outlive it.
+class V4l2Stream {
+ public:
+  /// Sets format, size and rate (0: as the driver is set) and starts. Throws InputError when the driver chose
+  /// another format or size than was asked for, DeviceError when it refuses.
+  V4l2Stream(const V4l2Device& device, std::uint32_t fourcc, const V4l2CameraOptions& options, RunContext run)
+      : device_(device), run_(std::move(run)) {
+    choose_format(fourcc, options.width, options.height);
+    choose_rate(options.rate);
+    try {
+      map_buffers();
+      start();
+    } catch (...) {
+      unmap_buffers();
+      throw;
+    }
   }
-}
-
-void V4l2Settings::make(const std::map<std::string, std::int64_t>& wanted) {
-  for (const auto& [name, value] : wanted) {
-    const auto control = std::ranges::find(controls_, name, &V4l2ControlInfo::name);
-    const std::string prefix = device_.node().string() + ": control " + name;
-    if (control == controls_.end())
-      throw InputError(prefix + " is not there; 'refield acquire devices' lists controls");
-    if (value < control->lowest || value > control->highest)
-      throw InputError(prefix + " = " + std::to_string(value) + ": " + range_text(*control));
-    if (const std::int64_t now = set(*control, value); now != value)
-      throw DeviceError(device_.node().string(), EINVAL,
-                        "control " + name + " reads " + std::to_string(now) + " after it was set to " +
-                            std::to_string(value) + "; " + range_text(*control));
+  ~V4l2Stream() {
+    auto type = capture_type;
+    device_.try_call(VIDIOC_STREAMOFF, &type);
+    unmap_buffers();
   }
-}
+  V4l2Stream(const V4l2Stream&) = delete;
+  V4l2Stream& operator=(const V4l2Stream&) = delete;
 
-std::int64_t V4l2Settings::set(const V4l2ControlInfo& control, std::int64_t value) const {
-  v4l2_control setting{control.id, static_cast<__s32>(value)};
-  device_.call(VIDIOC_S_CTRL, &setting, "refuses control " + control.name + " = " + std::to_string(value));
-  v4l2_control now{control.id, 0};
-  device_.call(VIDIOC_G_CTRL, &now, "does not report its control " + control.name);
-  return now.value;
-}
+  const V4l2StreamFormat& format() const { return format_; }
+
+  /// The next filled buffer; nullopt after `timeout`. Throws DeviceError when streaming broke (EIO: restart()
+  /// may mend it) or the device was unplugged (ENODEV), Interrupted when asked to stop.
+  std::optional<V4l2Filled> take(Seconds timeout) {
+    if (!wait_until_filled(timeout)) return std::nullopt;
+    v4l2_buffer buffer = mapped_buffer(0);
+    const int error = device_.try_call(VIDIOC_DQBUF, &buffer);
+    if (error == EAGAIN) return std::nullopt;
+    if (error == EIO || error == EINVAL || error == EPIPE) device_.fail(EIO, "stopped streaming");
+    if (error != 0) device_.fail(error, "gives no frame");
+    const auto used = std::min<std::size_t>(buffer.bytesused, buffers_.at(buffer.index).size());
+    const auto stamp =
+        std::chrono::seconds(buffer.timestamp.tv_sec) + std::chrono::microseconds(buffer.timestamp.tv_usec);
+    return V4l2Filled{buffer.index,
+                      std::span<const std::uint8_t>(buffers_[buffer.index]).first(used),
+                      TimePoint(stamp),
+                      (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_EOF,
+                      (buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC,
+                      (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0,
+                      buffer.sequence};
+  }
+
+  void give_back(const V4l2Filled& filled) {
+    v4l2_buffer buffer = mapped_buffer(filled.index);
+    const int error = device_.try_call(VIDIOC_QBUF, &buffer);
+    if (error != 0) device_.fail(error == ENODEV ? ENODEV : EIO, "does not take a buffer back");
+  }
+
+  /// False while an input such as HDMI has no source; frames then show nothing.
+  bool has_signal() const {
+    v4l2_input input{};
+    int index = 0;
+    if (device_.try_call(VIDIOC_G_INPUT, &index) != 0) return true;
+    input.index = static_cast<__u32>(index);
+    if (device_.try_call(VIDIOC_ENUMINPUT, &input) != 0) return true;
+    return (input.status & (V4L2_IN_ST_NO_POWER | V4L2_IN_ST_NO_SIGNAL | V4L2_IN_ST_NO_SYNC)) == 0;
+  }
+
+  /// Stops and starts again, all buffers empty.
+  void restart() {
+    auto type = capture_type;
+    device_.call(VIDIOC_STREAMOFF, &type, "does not stop streaming");
+    start();
+  }
+
+ private:
+  void choose_format(std::uint32_t fourcc, int width, int height) {
+    v4l2_format format{};
+    format.type = capture_type;
+    device_.call(VIDIOC_G_FMT, &format, "does not report its format");
+    v4l2_pix_format& pixels = format.fmt.pix;
+    pixels.pixelformat = fourcc;
+    if (width > 0) pixels.width = static_cast<__u32>(width);
+    if (height > 0) pixels.height = static_cast<__u32>(height);
+    pixels.field = V4L2_FIELD_NONE;
+    pixels.bytesperline = 0;
+    device_.call(VIDIOC_S_FMT, &format,
+                 "refuses the format " + fourcc_text(pixels.pixelformat) + " " + size_text(width, height));
+    format_ = {pixels.pixelformat,
+               static_cast<int>(pixels.width),
+               static_cast<int>(pixels.height),
+               pixels.bytesperline,
+               is_bt709(pixels),
+               is_full_range(pixels),
+               Seconds(0)};
+    const std::string remedy = "; 'refield acquire devices' lists formats and sizes";
+    if (pixels.pixelformat != fourcc)
+      throw InputError(device_.node().string() + ": gives " + fourcc_text(pixels.pixelformat) +
+                       " in place of " + fourcc_text(fourcc) + remedy);
+    if ((width > 0 && format_.width != width) || (height > 0 && format_.height != height))
+      throw InputError(device_.node().string() + ": gives " + size_text(format_.width, format_.height) +
+                       " pixels in place of " + size_text(width, height) + remedy);
+    if (pixels.field != V4L2_FIELD_NONE)
+      throw InputError(device_.node().string() + ": sends interlaced fields; choose a progressive mode");
+  }
+
+  void choose_rate(double rate) {
+    v4l2_streamparm parameters{};
+    parameters.type = capture_type;
+    v4l2_fract& interval = parameters.parm.capture.timeperframe;
+    const bool tells = device_.try_call(VIDIOC_G_PARM, &parameters) == 0;
+    if (rate > 0.0) {
+      interval = {1000, static_cast<__u32>(std::lround(1000.0 * rate))};
+      device_.call(VIDIOC_S_PARM, &parameters, "refuses a frame rate of " + std::to_string(rate) + " Hz");
+      const double made = static_cast<double>(interval.denominator) / std::max<__u32>(interval.numerator, 1);
+      if (std::abs(made - rate) > 0.02 * rate)
+        throw InputError(device_.node().string() + ": runs at " + std::to_string(made) + " Hz in place of " +
+                         std::to_string(rate) + "; 'refield acquire devices' lists rates");
+    }
+    if (tells && interval.denominator > 0)
+      format_.frame_interval = Seconds(static_cast<double>(interval.numerator) / interval.denominator);
+    if (const Seconds source = interval_of_timings(device_); source.count() > 0.0 && rate <= 0.0)
+      format_.frame_interval = source;
+  }
+
+  void map_buffers() {
+    v4l2_requestbuffers request{};
+    request.type = capture_type;
+    request.memory = V4L2_MEMORY_MMAP;
+    request.count = 4;
+    device_.call(VIDIOC_REQBUFS, &request, "refuses memory-mapped buffers");
+    for (__u32 i = 0; i < request.count; ++i) {
+      v4l2_buffer buffer = mapped_buffer(i);
+      device_.call(VIDIOC_QUERYBUF, &buffer, "does not show buffer " + std::to_string(i));
+      void* memory = ::mmap(nullptr, buffer.length, PROT_READ | PROT_WRITE, MAP_SHARED, device_.descriptor(),
+                            buffer.m.offset);
+      if (memory == MAP_FAILED) device_.fail(errno, "cannot map buffer " + std::to_string(i));
+      buffers_.emplace_back(static_cast<std::uint8_t*>(memory), buffer.length);
+    }
+  }
+
+  void unmap_buffers() noexcept {
+    for (const auto& buffer : buffers_) ::munmap(buffer.data(), buffer.size());
+    buffers_.clear();
+    v4l2_requestbuffers none{};
+    none.type = capture_type;
+    none.memory = V4L2_MEMORY_MMAP;
+    device_.try_call(VIDIOC_REQBUFS, &none);
+  }
+
+  void start() {
+    for (std::uint32_t i = 0; i < buffers_.size(); ++i) {
+      v4l2_buffer buffer = mapped_buffer(i);
+      device_.call(VIDIOC_QBUF, &buffer, "does not take buffer " + std::to_string(i));
+    }
+    auto type = capture_type;
+    device_.call(VIDIOC_STREAMON, &type, "does not start streaming");
+  }
+
+  bool wait_until_filled(Seconds timeout) const {
+    const auto deadline = std::chrono::steady_clock::now() + timeout;
+    while (true) {
+      run_.throw_if_stopped();
+      const auto left =
+          std::chrono::ceil<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
+      pollfd waiting{device_.descriptor(), POLLIN, 0};
+      const int wait_ms = static_cast<int>(std::clamp<std::int64_t>(left.count(), 0, max_stop_checks_ms));
+      const int ready = ::poll(&waiting, 1, wait_ms);
+      if (ready < 0 && errno != EINTR) device_.fail(errno, "cannot be waited for");
+      // POLLERR and POLLHUP, too: VIDIOC_DQBUF tells what is wrong.
+      if (ready > 0) return true;
+      // Looked at least once: after a pause of the whole program a frame may be there.
+      if (left.count() <= 0) return false;
+    }
+  }
+
+  const V4l2Device& device_;
+  RunContext run_;
+  V4l2StreamFormat format_;
+  std::vector<std::span<std::uint8_t>> buffers_;
+};
 
 constexpr Seconds exposure_step{100e-6};  // of V4L2_CID_EXPOSURE_ABSOLUTE
 constexpr int frames_after_start = 2;     // sensors need a frame or two to take on what they are set to
@@ -166,10 +396,8 @@ struct OpenCamera {
   OpenCamera(const V4l2Identity& identity, const V4l2CameraOptions& options, const RunContext& run)
       : device(identity.node),
         settings(device, options.controls),
-        stream(device,
-               {options.format.empty() ? best_format(device) : fourcc_from_text(options.format),
-                options.width, options.height, options.rate},
-               run) {}
+        stream(device, options.format.empty() ? best_format(device) : fourcc_from_text(options.format),
+               options, run) {}
 };
 
 class V4l2Camera final : public StreamingCamera {
