@@ -221,6 +221,88 @@ void divide_by_card(Photograph& photograph, const Photograph& card, double cos_a
   }
 }
 
+/// Merges one bracket after the other and keeps what they have in common.
+class SeriesMerger {
+ public:
+  explicit SeriesMerger(const ImportRequest& request) : request_(request) {}
+
+  /// `counts`: this photograph enters the statistics of report(). Throws InputError naming the file, also for
+  /// another size than those before.
+  Photograph merge(const std::vector<fs::path>& paths, bool counts) {
+    Bracket bracket = read_bracket(paths, request_.camera, request_.exposures);
+    require_same_settings_as_first(bracket);
+    MergeStatistics statistics;
+    Photograph merged;
+    try {
+      merged = merge_bracket(bracket, request_.camera, &statistics);
+    } catch (const InputError& error) {
+      throw InputError(paths.front().string() + ": " + error.what());
+    }
+    require_same_size(merged.radiance, paths.front());
+    if (counts) add(statistics, bracket.exposures);
+    return merged;
+  }
+
+  void report(ImportSummary& summary) const {
+    summary.exposures = exposures_;
+    if (saturation_) {
+      summary.notes.emplace_back(
+          formatted("the samples of %d photographs show that they are clipped below the level that the files "
+                    "state, from %.6g; --saturation overrules it",
+                    with_found_saturation_, *saturation_));
+    }
+    if (merged_ == 0) return;
+    for (double useful : useful_) summary.useful_fraction.push_back(useful / merged_);
+    summary.clipped_fraction = clipped_ / merged_;
+  }
+
+ private:
+  void require_same_size(const Image& merged, const fs::path& path) {
+    if (width_ == 0) {
+      width_ = merged.width;
+      height_ = merged.height;
+    }
+    if (merged.width != width_ || merged.height != height_)
+      throw InputError(path.string() + ": is " + shape_text(merged) + ", the photographs before are " +
+                       std::to_string(width_) + "×" + std::to_string(height_) +
+                       "; give photographs of one camera");
+  }
+
+  void require_same_settings_as_first(const Bracket& bracket) {
+    if (first_.empty())
+      for (std::size_t i = 0; i < bracket.files.size(); ++i)
+        first_.emplace_back(bracket.files[i].settings, bracket.paths[i]);
+    for (std::size_t i = 0; i < bracket.files.size(); ++i) {
+      const auto& [settings, path] = first_[std::min(i, first_.size() - 1)];
+      require_same_settings(bracket.files[i].settings, bracket.paths[i], settings, path);
+    }
+  }
+
+  void add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures) {
+    if (const auto found = statistics.found_saturation) {
+      saturation_ = std::min(saturation_.value_or(*found), *found);
+      ++with_found_saturation_;
+    }
+    if (exposures_.empty()) {
+      exposures_ = exposures;
+      useful_.assign(exposures.size(), 0.0);
+    }
+    for (std::size_t i = 0; i < useful_.size(); ++i) useful_[i] += statistics.useful_fraction[i];
+    clipped_ += statistics.clipped_fraction;
+    ++merged_;
+  }
+
+  const ImportRequest& request_;
+  int width_ = 0, height_ = 0;
+  std::vector<std::pair<CameraSettings, fs::path>> first_;  // of the first bracket's files
+  std::optional<double> saturation_;  // lowest that was found in samples, and in how many photographs
+  int with_found_saturation_ = 0;
+  std::vector<Seconds> exposures_;
+  std::vector<double> useful_;
+  double clipped_ = 0.0;
+  int merged_ = 0;
+};
+
 /// A session while it is imported.
 class SessionImport {
  public:
@@ -573,69 +655,6 @@ ImportSummary import_series(const ImportRequest& given, const RunContext& run) {
   else
     import_photographs(request, views, summary, run);
   return summary;
-}
-
-Photograph SeriesMerger::merge(const std::vector<fs::path>& paths, bool counts) {
-  Bracket bracket = read_bracket(paths, request_.camera, request_.exposures);
-  require_same_settings_as_first(bracket);
-  MergeStatistics statistics;
-  Photograph merged;
-  try {
-    merged = merge_bracket(bracket, request_.camera, &statistics);
-  } catch (const InputError& error) {
-    throw InputError(paths.front().string() + ": " + error.what());
-  }
-  require_same_size(merged.radiance, paths.front());
-  if (counts) add(statistics, bracket.exposures);
-  return merged;
-}
-
-void SeriesMerger::require_same_size(const Image& merged, const fs::path& path) {
-  if (width_ == 0) {
-    width_ = merged.width;
-    height_ = merged.height;
-  }
-  if (merged.width != width_ || merged.height != height_)
-    throw InputError(path.string() + ": is " + shape_text(merged) + ", the photographs before are " +
-                     std::to_string(width_) + "×" + std::to_string(height_) +
-                     "; give photographs of one camera");
-}
-
-void SeriesMerger::require_same_settings_as_first(const Bracket& bracket) {
-  if (first_.empty())
-    for (std::size_t i = 0; i < bracket.files.size(); ++i)
-      first_.emplace_back(bracket.files[i].settings, bracket.paths[i]);
-  for (std::size_t i = 0; i < bracket.files.size(); ++i) {
-    const auto& [settings, path] = first_[std::min(i, first_.size() - 1)];
-    require_same_settings(bracket.files[i].settings, bracket.paths[i], settings, path);
-  }
-}
-
-void SeriesMerger::add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures) {
-  if (const auto found = statistics.found_saturation) {
-    saturation_ = std::min(saturation_.value_or(*found), *found);
-    ++with_found_saturation_;
-  }
-  if (exposures_.empty()) {
-    exposures_ = exposures;
-    useful_.assign(exposures.size(), 0.0);
-  }
-  for (std::size_t i = 0; i < useful_.size(); ++i) useful_[i] += statistics.useful_fraction[i];
-  clipped_ += statistics.clipped_fraction;
-  ++merged_;
-}
-
-void SeriesMerger::report(ImportSummary& summary) const {
-  summary.exposures = exposures_;
-  if (saturation_) {
-    summary.notes.emplace_back(
-        formatted("the samples of %d photographs show that they are clipped below the level that the files "
-                  "state, from %.6g; --saturation overrules it",
-                  with_found_saturation_, *saturation_));
-  }
-  if (merged_ == 0) return;
-  for (double useful : useful_) summary.useful_fraction.push_back(useful / merged_);
-  summary.clipped_fraction = clipped_ / merged_;
 }
 
 }  // namespace refield

@@ -101,30 +101,4 @@ struct ImportSummary {
 /// InputError, FormatError or DeviceError naming the file.
 ImportSummary import_series(const ImportRequest& request, const RunContext& run = {});
 
-/// Merges one bracket after the other and keeps what they have in common.
-class SeriesMerger {
- public:
-  explicit SeriesMerger(const ImportRequest& request) : request_(request) {}
-
-  /// `counts`: this photograph enters the statistics of report(). Throws InputError naming the file, also for
-  /// another size than those before.
-  Photograph merge(const std::vector<std::filesystem::path>& paths, bool counts);
-  void report(ImportSummary& summary) const;
-
- private:
-  void require_same_size(const Image& merged, const std::filesystem::path& path);
-  void require_same_settings_as_first(const Bracket& bracket);
-  void add(const MergeStatistics& statistics, const std::vector<Seconds>& exposures);
-
-  const ImportRequest& request_;
-  int width_ = 0, height_ = 0;
-  std::vector<std::pair<CameraSettings, std::filesystem::path>> first_;  // of the first bracket's files
-  std::optional<double> saturation_;  // lowest that was found in samples, and in how many photographs
-  int with_found_saturation_ = 0;
-  std::vector<Seconds> exposures_;
-  std::vector<double> useful_;
-  double clipped_ = 0.0;
-  int merged_ = 0;
-};
-
 }  // namespace refield
