@@ -21,7 +21,7 @@ cv::Mat filtered(const cv::Mat& plane, const cv::Mat& kernel) {
   return result;
 }
 
-constexpr float unbounded = std::numeric_limits<float>::infinity();
+constexpr float infinity = std::numeric_limits<float>::infinity();
 constexpr float useful_share = 0.4f;  // of what an exposure would hold were all equal
 constexpr float within_the_noise =
     5.0f;  // standard deviations; beyond, clipping was certain and tells nothing
@@ -35,19 +35,147 @@ double hazard(double z) {
   return density / (0.5 * std::erfc(z / std::numbers::sqrt2));
 }
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-
-/// A decoded sample: electrons above black, and the variance that does not depend on light. An infinite
-/// variance marks a clipped sample: its weight becomes zero without a branch.
+/// A decoded sample, or the level from which on samples count as clipped: electrons above black, and the
+/// variance that does not depend on light. An infinite variance marks a clipped sample: its weight becomes
+/// zero without a branch.
 struct Sample {
   float electrons;
   float floor_variance;
 };
 
+/// Fits the response lines of many samples at once: electrons over exposure, through the origin.
+///
+/// Weighted least squares with predicted variances, see merge_exposures(). Where a clipped sample lies within
+/// the noise of its clipping level, that it clipped is information, and leaving it out would favour those
+/// that came out low: there the likelihood of the samples that were measured and of the clipping together is
+/// maximised (a censored or Tobit regression: Tobin 1958; Amemiya 1984, eq. 6), by Newton's method with
+/// expected information.
+class ResponseLines {
+ public:
+  ResponseLines(std::size_t exposures, std::size_t size)
+      : exposures_(exposures),
+        size_(size),
+        electrons_(exposures * size),
+        floor_(exposures * size),
+        predicted_(size),
+        numerator_(size),
+        information_(size) {}
+
+  // [size] of each exposure, to be filled in.
+  float* electrons(std::size_t i) { return electrons_.data() + i * size_; }
+  float* floor(std::size_t i) { return floor_.data() + i * size_; }
+
+  /// `per_radiance` [exposures]: electrons that radiance 1 gives. `useful` [exposures] counts samples for
+  /// which an exposure holds a fair share of the information, `clipped` those without any measurement: their
+  /// sigma is infinite and their radiance the clipping level of the shortest exposure.
+  void fit(std::span<const float> per_radiance, std::span<const Sample> clip, std::span<float> radiance,
+           std::span<float> sigma, std::span<std::uint32_t> useful, std::uint32_t& clipped) {
+    predict(per_radiance);
+    add_up(per_radiance, [this](std::size_t x, float t, float f) { return t / (predicted_[x] * t + f); });
+    const std::size_t shortest = std::ranges::min_element(per_radiance) - per_radiance.begin();
+    const float* bound = electrons(shortest);
+    clipped = 0;
+    for (std::size_t x = 0; x < size_; ++x) {
+      const bool measured = information_[x] > 0.0f;
+      radiance[x] = measured ? numerator_[x] / information_[x] : bound[x] / per_radiance[shortest];
+      sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : infinity;
+      clipped += !measured;
+    }
+    for (std::size_t i = 0; i < exposures_; ++i) useful[i] = count_useful(i, per_radiance[i]);
+    refine_where_clipping_tells(per_radiance, clip, radiance, sigma);
+  }
+
+ private:
+  /// The sums of weight × electrons and of weight × t over the exposures.
+  template <class Weight>
+  void add_up(std::span<const float> per_radiance, const Weight& weight) {
+    std::ranges::fill(numerator_, 0.0f);
+    std::ranges::fill(information_, 0.0f);
+    for (std::size_t i = 0; i < exposures_; ++i) {
+      const float* e = electrons(i);
+      const float* f = floor(i);
+      const float t = per_radiance[i];
+      for (std::size_t x = 0; x < size_; ++x) {
+        const float w = weight(x, t, f[x]);
+        numerator_[x] += w * e[x];
+        information_[x] += w * t;
+      }
+    }
+  }
+
+  /// Radiance Σ electrons / Σ exposure, not below zero: what variances are predicted from.
+  void predict(std::span<const float> per_radiance) {
+    add_up(per_radiance, [](std::size_t, float, float f) { return f < infinity ? 1.0f : 0.0f; });
+    for (std::size_t x = 0; x < size_; ++x)
+      predicted_[x] = information_[x] > 0.0f ? std::max(numerator_[x] / information_[x], 0.0f) : 0.0f;
+  }
+
+  void refine_where_clipping_tells(std::span<const float> per_radiance, std::span<const Sample> clip,
+                                   std::span<float> radiance, std::span<float> sigma) {
+    for (std::size_t i = 0; i < exposures_; ++i) {
+      const float* f = floor(i);
+      const float t = per_radiance[i];
+      // The radiance here comes from the other exposures: its own noise widens the doubtful zone.
+      const float certain =
+          (clip[i].electrons + within_the_noise * std::sqrt(clip[i].electrons + clip[i].floor_variance)) / t;
+      for (std::size_t x = 0; x < size_; ++x)
+        if (f[x] == infinity && sigma[x] < infinity && radiance[x] - within_the_noise * sigma[x] < certain)
+          refine(x, per_radiance, clip, radiance[x], sigma[x]);
+    }
+  }
+
+  void refine(std::size_t x, std::span<const float> per_radiance, std::span<const Sample> clip,
+              float& radiance, float& sigma) const {
+    double r = radiance;
+    double information = 0.0;
+    for (int step = 0; step < newton_steps; ++step) {
+      double score = 0.0;
+      information = 0.0;
+      for (std::size_t i = 0; i < exposures_; ++i) {
+        const double t = per_radiance[i];
+        const double f = floor_[i * size_ + x];
+        if (f < infinity) {
+          const double weighted_t = t / (predicted_[x] * t + f);
+          score += weighted_t * (electrons_[i * size_ + x] - t * r);
+          information += weighted_t * t;
+        } else {
+          const double spread = std::sqrt(std::max(r, 0.0) * t + clip[i].floor_variance);
+          const double z = (clip[i].electrons - t * r) / spread;
+          const double h = hazard(z);
+          score += t / spread * h;
+          information += t * t / (spread * spread) * h * (h - z);
+        }
+      }
+      r += score / information;
+    }
+    radiance = static_cast<float>(r);
+    sigma = static_cast<float>(1.0 / std::sqrt(information));
+  }
+
+  std::uint32_t count_useful(std::size_t i, float per_radiance) const {
+    const float* f = floor_.data() + i * size_;
+    const float share = useful_share / static_cast<float>(exposures_);
+    std::uint32_t count = 0;
+    for (std::size_t x = 0; x < size_; ++x)
+      count +=
+          per_radiance * per_radiance > share * information_[x] * (predicted_[x] * per_radiance + f[x]) &&
+          f[x] < infinity;
+    return count;
+  }
+
+  std::size_t exposures_;
+  std::size_t size_;
+  std::vector<float> electrons_;
+  std::vector<float> floor_;
+  std::vector<float> predicted_;
+  std::vector<float> numerator_;
+  std::vector<float> information_;  // Σ weight · t²: the inverse variance of the slope
+};
+
 /// For each exposure the longest of those that get clearly less light relative to their clipping level; the
 /// exposure itself where there is none. Of a still scene, what is clipped there is clipped here too.
 std::vector<std::size_t> shorter_exposures(std::span<const float> per_radiance,
-                                           std::span<const ClipLevel> clip) {
+                                           std::span<const Sample> clip) {
   constexpr double clearly = 1.5;  // beyond noise: repeated frames of one exposure are left alone
   const auto level = [&](std::size_t i) { return double{per_radiance[i]} / clip[i].electrons; };
   std::vector<std::size_t> shorter(per_radiance.size());
@@ -62,7 +190,7 @@ std::vector<std::size_t> shorter_exposures(std::span<const float> per_radiance,
 /// Merges row by row. `clip` [exposures]. `decode(i, y, electrons, floor)` fills one row of one exposure.
 template <class Decode>
 Photograph merge_rows(int width, int height, int channels, std::span<const float> per_radiance,
-                      std::span<const ClipLevel> clip, const Decode& decode, MergeStatistics* statistics) {
+                      std::span<const Sample> clip, const Decode& decode, MergeStatistics* statistics) {
   Photograph merged{Image(width, height, channels), Image(width, height, channels)};
   const std::size_t exposures = per_radiance.size();
   const std::size_t row_size = static_cast<std::size_t>(width) * channels;
@@ -103,7 +231,7 @@ Photograph merge_rows(int width, int height, int channels, std::span<const float
 /// What raw samples of one gain stand for.
 struct SampleTable {
   std::vector<Sample> samples;  // by DN
-  ClipLevel clip;
+  Sample clip;
 };
 
 SampleTable sample_table(const CameraCalibration& camera, double gain, double clip_margin) {
@@ -111,7 +239,7 @@ SampleTable sample_table(const CameraCalibration& camera, double gain, double cl
   const double electrons_per_dn = camera.electrons_per_dn / gain;
   const double clipped_from = camera.saturation_dn * (1.0 - clip_margin);
   std::vector<Sample> table(linear.size());
-  ClipLevel clip{0.0f, 0.0f};
+  Sample clip{0.0f, 0.0f};
   for (std::size_t dn = 0; dn < table.size(); ++dn) {
     const std::size_t below = dn == 0 ? 0 : dn - 1;
     const std::size_t above = std::min(dn + 1, table.size() - 1);
@@ -208,122 +336,13 @@ Photograph demosaic(const Image& radiance, const Image& sigma, PixelLayout layou
   return rgb;
 }
 
-ResponseLines::ResponseLines(std::size_t exposures, std::size_t size)
-    : exposures_(exposures),
-      size_(size),
-      electrons_(exposures * size),
-      floor_(exposures * size),
-      predicted_(size),
-      numerator_(size),
-      information_(size) {}
-
-void ResponseLines::fit(std::span<const float> per_radiance, std::span<const ClipLevel> clip,
-                        std::span<float> radiance, std::span<float> sigma, std::span<std::uint32_t> useful,
-                        std::uint32_t& clipped) {
-  predict(per_radiance);
-  std::ranges::fill(numerator_, 0.0f);
-  std::ranges::fill(information_, 0.0f);
-  for (std::size_t i = 0; i < exposures_; ++i) {
-    const float* e = electrons(i);
-    const float* f = floor(i);
-    const float t = per_radiance[i];
-    for (std::size_t x = 0; x < size_; ++x) {
-      const float weighted_t = t / (predicted_[x] * t + f[x]);
-      numerator_[x] += weighted_t * e[x];
-      information_[x] += weighted_t * t;
-    }
-  }
-  const std::size_t shortest = std::ranges::min_element(per_radiance) - per_radiance.begin();
-  const float* bound = electrons(shortest);
-  clipped = 0;
-  for (std::size_t x = 0; x < size_; ++x) {
-    const bool measured = information_[x] > 0.0f;
-    radiance[x] = measured ? numerator_[x] / information_[x] : bound[x] / per_radiance[shortest];
-    sigma[x] = measured ? 1.0f / std::sqrt(information_[x]) : unbounded;
-    clipped += !measured;
-  }
-  for (std::size_t i = 0; i < exposures_; ++i) useful[i] = count_useful(i, per_radiance[i]);
-  refine_where_clipping_tells(per_radiance, clip, radiance, sigma);
-}
-
-/// Radiance Σ electrons / Σ exposure, not below zero: what variances are predicted from.
-void ResponseLines::predict(std::span<const float> per_radiance) {
-  std::ranges::fill(numerator_, 0.0f);
-  std::ranges::fill(information_, 0.0f);
-  for (std::size_t i = 0; i < exposures_; ++i) {
-    const float* e = electrons(i);
-    const float* f = floor(i);
-    const float t = per_radiance[i];
-    for (std::size_t x = 0; x < size_; ++x) {
-      const float usable = f[x] < unbounded ? 1.0f : 0.0f;
-      numerator_[x] += usable * e[x];
-      information_[x] += usable * t;
-    }
-  }
-  for (std::size_t x = 0; x < size_; ++x)
-    predicted_[x] = information_[x] > 0.0f ? std::max(numerator_[x] / information_[x], 0.0f) : 0.0f;
-}
-
-void ResponseLines::refine_where_clipping_tells(std::span<const float> per_radiance,
-                                                std::span<const ClipLevel> clip, std::span<float> radiance,
-                                                std::span<float> sigma) {
-  for (std::size_t i = 0; i < exposures_; ++i) {
-    const float* f = floor(i);
-    const float t = per_radiance[i];
-    // The radiance here comes from the other exposures: its own noise widens the doubtful zone.
-    const float certain =
-        (clip[i].electrons + within_the_noise * std::sqrt(clip[i].electrons + clip[i].floor_variance)) / t;
-    for (std::size_t x = 0; x < size_; ++x)
-      if (f[x] == unbounded && sigma[x] < unbounded && radiance[x] - within_the_noise * sigma[x] < certain)
-        refine(x, per_radiance, clip, radiance[x], sigma[x]);
-  }
-}
-
-void ResponseLines::refine(std::size_t x, std::span<const float> per_radiance,
-                           std::span<const ClipLevel> clip, float& radiance, float& sigma) const {
-  double r = radiance;
-  double information = 0.0;
-  for (int step = 0; step < newton_steps; ++step) {
-    double score = 0.0;
-    information = 0.0;
-    for (std::size_t i = 0; i < exposures_; ++i) {
-      const double t = per_radiance[i];
-      const double f = floor_[i * size_ + x];
-      if (f < unbounded) {
-        const double weighted_t = t / (predicted_[x] * t + f);
-        score += weighted_t * (electrons_[i * size_ + x] - t * r);
-        information += weighted_t * t;
-      } else {
-        const double spread = std::sqrt(std::max(r, 0.0) * t + clip[i].floor_variance);
-        const double z = (clip[i].electrons - t * r) / spread;
-        const double h = hazard(z);
-        score += t / spread * h;
-        information += t * t / (spread * spread) * h * (h - z);
-      }
-    }
-    r += score / information;
-  }
-  radiance = static_cast<float>(r);
-  sigma = static_cast<float>(1.0 / std::sqrt(information));
-}
-
-std::uint32_t ResponseLines::count_useful(std::size_t i, float per_radiance) const {
-  const float* f = floor_.data() + i * size_;
-  const float share = useful_share / static_cast<float>(exposures_);
-  std::uint32_t count = 0;
-  for (std::size_t x = 0; x < size_; ++x)
-    count += per_radiance * per_radiance > share * information_[x] * (predicted_[x] * per_radiance + f[x]) &&
-             f[x] < unbounded;
-  return count;
-}
-
 Photograph merge_exposures(std::span<const RawFrame> frames, const CameraCalibration& calibration,
                            const MergeOptions& options, MergeStatistics* statistics) {
   check_frames(frames, calibration);
   const RawFrame& first = frames.front();
   std::vector<float> per_radiance;
   std::vector<SampleTable> tables;
-  std::vector<ClipLevel> clip;
+  std::vector<Sample> clip;
   std::vector<std::size_t> table_of;
   for (const RawFrame& frame : frames) {
     per_radiance.push_back(
@@ -393,7 +412,7 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
       floor[x] = row[x] >= clipped_from ? infinity : floor_variance;
     }
   };
-  const std::vector<ClipLevel> clip(images.size(), {(clipped_from - black) * scale, floor_variance});
+  const std::vector<Sample> clip(images.size(), {(clipped_from - black) * scale, floor_variance});
   return merge_rows(images[0].width, images[0].height, images[0].channels, per_radiance, clip, decode,
                     statistics);
 }
