@@ -112,6 +112,14 @@ void compare_field(const CompareOptions& options, const Common& common) {
   print_prediction(errors);
 }
 
+void run_compare(const CompareOptions& options, const Common& common) {
+  if (fs::path(options.predicted).extension() == ".rfield") return compare_field(options, common);
+  if (options.capture.session.empty() && !options.capture.by_pairs())
+    throw InputError("no observed images are given; compare " + options.predicted +
+                     " with images as 'refield compare PREDICTED OBSERVED', or with a session");
+  compare_images(options, common);
+}
+
 }  // namespace
 
 void add_compare(CLI::App& app, const Common& common, Action& action) {
@@ -160,17 +168,7 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
       ->check(non_negative_number())
       ->capture_default_str()
       ->group(further);
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      if (fs::path(options->predicted).extension() == ".rfield")
-        compare_field(*options, common);
-      else if (options->capture.session.empty() && !options->capture.by_pairs())
-        throw InputError("no observed images are given; compare " + options->predicted +
-                         " with images as 'refield compare PREDICTED OBSERVED', or with a session");
-      else
-        compare_images(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, run_compare);
 }
 
 }  // namespace refield::cli

@@ -207,8 +207,7 @@ void add_estimate(CLI::App& app, const Common& common, Action& action) {
       ->group(further);
   add_dry_run_flag(*verb, arguments->dry_run);
   verb->add_flag("--resume", arguments->resume, "Continue an interrupted run: keep the finished rows");
-  verb->callback(
-      [arguments, &common, &action] { action = [arguments, &common] { run(*arguments, common); }; });
+  on_command(*verb, arguments, common, action, run);
 }
 
 }  // namespace refield::cli

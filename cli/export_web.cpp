@@ -127,8 +127,7 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
                    "offers. If the field was "
                    "captured with a monitor, it is shown through the window of the monitor");
   add_placement_option(*verb, options->placements, "Replaces that of the field.");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { export_web(*options, common); }; });
+  on_command(*verb, options, common, action, export_web);
 }
 
 }  // namespace refield::cli

@@ -60,8 +60,7 @@ void add_merge(CLI::App& app, const Common& common, Action& action) {
                    "Shards of one field, in any order; together they must contain every row exactly once")
       ->required();
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
-  verb->callback(
-      [arguments, &common, &action] { action = [arguments, &common] { merge(*arguments, common); }; });
+  on_command(*verb, arguments, common, action, merge);
 }
 
 }  // namespace refield::cli

@@ -78,7 +78,7 @@ void add_pack(CLI::App& app, const Common& common, Action& action) {
                    "Maximum relative RMSE of relit images against the full field, 2e-5 or more")
       ->check(positive_number())
       ->capture_default_str();
-  verb->callback([options, &common, &action] { action = [options, &common] { pack(*options, common); }; });
+  on_command(*verb, options, common, action, pack);
 }
 
 }  // namespace refield::cli

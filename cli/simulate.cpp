@@ -238,8 +238,7 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
                    "When to write transport.rfield: auto (up to 2 GiB), always or never")
       ->check(CLI::IsMember({"auto", "always", "never"}))
       ->capture_default_str();
-  verb->callback(
-      [arguments, &common, &action] { action = [arguments, &common] { simulate(*arguments, common); }; });
+  on_command(*verb, arguments, common, action, simulate);
 }
 
 }  // namespace refield::cli

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include <functional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,13 @@ struct Detached : Interrupted {};
 
 /// What the command line asked for; called once, after parsing.
 using Action = std::function<void()>;
+
+/// Makes `action` run(*options, common) when `verb` is named.
+template <class Options, class Run>
+void on_command(CLI::App& verb, const std::shared_ptr<Options>& options, const Common& common, Action& action,
+                Run run) {
+  verb.callback([=, &common, &action] { action = [=, &common] { run(*options, common); }; });
+}
 
 /// Runs the command of these words, without "refield". Throws what the verb throws.
 void run_words(std::vector<std::string> words);

@@ -104,7 +104,14 @@ MovingScene read_moving_scene(const std::filesystem::path& path) {
   return moving;
 }
 
-void view(const ViewOptions& options) {
+void view(ViewOptions& options, const Common& /*common*/) {
+  WindowOptions& window = options.window;
+  if (!options.placements.empty()) window.monitors = placements_from_texts(options.placements);
+  if (!options.size.empty()) {
+    const PictureSize size = read_picture_size(options.size, {720, 520});
+    window.width = size.width;
+    window.height = size.height;
+  }
   const bool moves = options.shown.extension() == ".toml";
   if (moves && !options.placements.empty())
     throw InputError(
@@ -123,7 +130,7 @@ void view(const ViewOptions& options) {
 
 }  // namespace
 
-void add_view(CLI::App& app, const Common&, Action& action) {
+void add_view(CLI::App& app, const Common& common, Action& action) {
   const auto options = std::make_shared<ViewOptions>();
   CLI::App* verb = app.add_subcommand(
       "view",
@@ -150,18 +157,7 @@ void add_view(CLI::App& app, const Common&, Action& action) {
                        "Environment maps are seen through it (default: that of the field).");
   verb->add_option("--size", options->size, "Size of the picture in pixels (default: 1440x900)")
       ->type_name("WIDTHxHEIGHT");
-  verb->callback([options, &action] {
-    action = [options] {
-      WindowOptions& window = options->window;
-      if (!options->placements.empty()) window.monitors = placements_from_texts(options->placements);
-      if (!options->size.empty()) {
-        const PictureSize size = read_picture_size(options->size, {720, 520});
-        window.width = size.width;
-        window.height = size.height;
-      }
-      view(*options);
-    };
-  });
+  on_command(*verb, options, common, action, view);
 }
 
 }  // namespace refield::cli

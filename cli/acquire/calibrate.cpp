@@ -31,7 +31,6 @@ struct CalibrateVerbOptions {
   std::vector<fs::path> copy_from;
   double patience = 0.5;
   int step = 5;
-  bool force = false;
 };
 
 CalibrateOptions options_of(const CalibrateVerbOptions& given) {
@@ -201,7 +200,7 @@ void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
 
 void refuse_existing(const CalibrateVerbOptions& given) {
   for (const fs::path& path : {given.output, given.page})
-    if (fs::exists(path) && !given.force)
+    if (fs::exists(path))
       throw InputError(path.string() + ": already exists; give --force to replace it, or another name");
 }
 
@@ -214,7 +213,7 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   if (given.output.empty()) given.output = session.calibration;
   if (given.output.empty()) throw InputError("--output is missing; give the calibration file to write");
   given.page = fs::path(given.output).replace_extension(".html");
-  refuse_existing(given);
+  if (!common.force) refuse_existing(given);
   const std::vector<fs::path> inputs = {given.rig};
   const OutputLock lock(given.output, inputs), page_lock(given.page, inputs, ".html");
   CalibrateOptions options = options_of(given);
@@ -276,12 +275,7 @@ void add_acquire_calibrate(CLI::App& group, const Common& common, Action& action
   verb->add_option("--level-step", options->step,
                    "Step between the measured levels of the tone curves: 1, 3, 5, 15, 17, 51 or 85")
       ->capture_default_str();
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      options->force = common.force;
-      acquire_calibrate(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, acquire_calibrate);
 }
 
 }  // namespace refield::cli

@@ -155,8 +155,7 @@ void add_acquire_colour(CLI::App& group, const Common& common, Action& action) {
   verb->add_option("-o,--output", options->picture,
                    "Image to write (.png): the photograph after calibration, with the expected colour in the "
                    "middle of each patch");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { calibrate_colour(*options, common); }; });
+  on_command(*verb, options, common, action, calibrate_colour);
 }
 
 }  // namespace refield::cli

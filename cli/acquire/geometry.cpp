@@ -162,8 +162,7 @@ void add_acquire_geometry(CLI::App& group, const Common& common, Action& action)
   add_ball_option(*verb, options->ball, "");
   verb->add_option("--into", options->into,
                    "Capture session to store the placement in (default: only printed)");
-  verb->callback(
-      [options, &common, &action] { action = [options, &common] { geometry(*options, common); }; });
+  on_command(*verb, options, common, action, geometry);
 }
 
 }  // namespace refield::cli

@@ -682,7 +682,7 @@ void add_acquire_guide(CLI::App& group, const Common& common, Action& action) {
                    "Number of patterns of the starter set, held-out ones included (default: 180)");
   add_until_error_option(*verb, options->until_error);
   verb->add_flag("--yes", options->yes, "Ask nothing: accept the default answer where no option gives one");
-  verb->callback([options, &common, &action] { action = [options, &common] { guide(*options, common); }; });
+  on_command(*verb, options, common, action, guide);
   group.require_subcommand(0, 1);
   group.callback([&group, &common, &action] {
     if (!group.get_subcommands().empty()) return;

@@ -294,7 +294,8 @@ void match_by_time(const ImportOptions& options, const Common& common) {
     print(summary, request.folder);
 }
 
-void run_import(const ImportOptions& options, const Common& common) {
+void run_import(ImportOptions& options, const Common& common) {
+  options.request.if_exists = if_exists(options.request.if_exists, common);
   const fs::path& output = options.request.folder;
   if (options.light_sources != "ball" && (options.ball != "find" || options.horizontal_fov))
     throw InputError("--ball and --horizontal-fov require --light-sources ball");
@@ -442,12 +443,7 @@ void add_acquire_import(CLI::App& group, const Common& common, Action& action) {
                    "interval of the light maps)")
       ->check(non_negative_number())
       ->group(times);
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      options->request.if_exists = if_exists(options->request.if_exists, common);
-      run_import(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, run_import);
 }
 
 }  // namespace refield::cli

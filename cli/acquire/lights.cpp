@@ -174,7 +174,8 @@ void make_spots(const LightsOptions& options, const Common& common) {
   report(options, names.size(), width, height, 0.0, common);
 }
 
-void make_lights_of(const LightsOptions& options, const Common& common) {
+void make_lights_of(LightsOptions& options, const Common& common) {
+  options.force = common.force;
   if (options.spots) {
     make_spots(options, common);
     return;
@@ -253,12 +254,7 @@ void add_acquire_lights(CLI::App& group, const Common& common, Action& action) {
       ->type_name("WIDTHxHEIGHT");
   verb->add_option("-o,--output", options->output, "Folder for the light maps (.exr)")->required();
   verb->add_option("--png", options->png, "Folder for the same patterns as 8-bit sRGB PNG files");
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      options->force = common.force;
-      make_lights_of(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, make_lights_of);
 }
 
 }  // namespace refield::cli

@@ -123,7 +123,8 @@ void print(const ProbeSummary& summary, const fs::path& folder) {
 }
 
 void probe(const ProbeOptionsText& options, const Common& common) {
-  const ProbeRequest request = request_of(options);
+  ProbeRequest request = request_of(options);
+  request.replace = common.force;
   const OutputLock lock(request.folder, {});
   if (request.replace)
     for (const auto* photographs : {&options.photographs, &options.join})
@@ -212,12 +213,7 @@ void add_acquire_probe(CLI::App& group, const Common& common, Action& action) {
       ->capture_default_str()
       ->group(further);
   add_saturation_option(*verb, request.saturation);
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      options->request.replace = common.force;
-      probe(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, probe);
 }
 
 }  // namespace refield::cli

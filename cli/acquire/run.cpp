@@ -345,7 +345,8 @@ SessionFile session_of(const RunOptions& options) {
   return session;
 }
 
-void run_session(const RunOptions& options, const Common& common) {
+void run_session(RunOptions& options, const Common& common) {
+  options.if_exists = if_exists(options.if_exists, common);
   const SessionFile session = session_of(options);
   check_session_folder(session.output, options.if_exists);
   const OutputLock lock(session.output, {});
@@ -441,12 +442,7 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
       ->group(further);
   verb->add_flag("--keep-raw", options->keep_raw, "Store every exposure as a 16-bit PNG in raw/")
       ->group(further);
-  verb->callback([options, &common, &action] {
-    action = [options, &common] {
-      options->if_exists = if_exists(options->if_exists, common);
-      run_session(*options, common);
-    };
-  });
+  on_command(*verb, options, common, action, run_session);
 }
 
 }  // namespace refield::cli

@@ -177,11 +177,9 @@ void add_precompute(CLI::App& app, const Common& common, Action& action) {
       ->capture_default_str();
   add_cluster_options(*verb, *arguments);
   add_harmonic_options(*verb, *arguments);
-  verb->callback([arguments, verb, &common, &action] {
-    action = [arguments, verb, &common] {
-      refuse_foreign_options(*verb, arguments->method);
-      simulate_prt(*arguments, common);
-    };
+  on_command(*verb, arguments, common, action, [verb](const PrtArguments& given, const Common& how) {
+    refuse_foreign_options(*verb, given.method);
+    simulate_prt(given, how);
   });
 }
 

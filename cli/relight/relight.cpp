@@ -174,7 +174,7 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
       ->check(CLI::IsMember({"exr", "png", "glb"}));
   add_fps_option(*verb, options->pictures.frames_per_second);
   add_exposure_option(*verb, options->pictures.exposure);
-  verb->callback([options, &common, &action] { action = [options, &common] { relight(*options, common); }; });
+  on_command(*verb, options, common, action, relight);
 }
 
 }  // namespace refield::cli
