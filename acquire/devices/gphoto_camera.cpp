@@ -18,6 +18,7 @@
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/bracket_files.h"
 #include "core/base/number_text.h"
+#include "core/base/temporary_folder.h"
 
 namespace refield {
 
@@ -324,26 +325,6 @@ struct Shutter {
   std::string choice;
 };
 
-/// A file that goes with its folder.
-class DownloadFolder {
- public:
-  DownloadFolder() {
-    std::string name = fs::temp_directory_path() / "refield-XXXXXX";
-    if (!mkdtemp(name.data())) throw DeviceError(name, errno, "cannot make a folder for downloads");
-    folder_ = name;
-  }
-  ~DownloadFolder() {
-    std::error_code error;
-    fs::remove_all(folder_, error);
-  }
-  DownloadFolder(const DownloadFolder&) = delete;
-  DownloadFolder& operator=(const DownloadFolder&) = delete;
-  const fs::path& path() const { return folder_; }
-
- private:
-  fs::path folder_;
-};
-
 class GphotoCamera final : public TetheredCamera {
  public:
   GphotoCamera(GphotoCameraOptions given, RunContext context)
@@ -395,7 +376,7 @@ class GphotoCamera final : public TetheredCamera {
   RunContext run_;
   GphotoIdentity identity_;
   std::unique_ptr<Connection> open_;
-  DownloadFolder downloads_;
+  TemporaryFolder downloads_;
   CameraDescription description_;
   std::string shutter_name_;
   std::vector<Shutter> shutters_;  // in growing order

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/report.h"
 
-#include <stdlib.h>
-
 #include <algorithm>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <map>
@@ -14,6 +11,7 @@
 #include "cli/report/request.h"
 #include "core/base/files.h"
 #include "core/base/run_context.h"
+#include "core/base/temporary_folder.h"
 #include "core/field/predicted_error.h"
 #include "estimate/job/estimate_job.h"
 #include "estimate/quality/frame_check.h"
@@ -555,20 +553,9 @@ Json page_data(const ReportInput& input, const std::vector<FieldFigures>& evalua
   return figures;
 }
 
-ScratchFolder::ScratchFolder() {
-  std::string pattern = (std::filesystem::temp_directory_path() / "refield-report-XXXXXX").string();
-  if (!::mkdtemp(pattern.data())) throw DeviceError(pattern, errno, "cannot create a temporary folder");
-  path_ = pattern;
-}
-
-ScratchFolder::~ScratchFolder() {
-  std::error_code ignored;
-  std::filesystem::remove_all(path_, ignored);
-}
-
 Json write_report(const ReportRequest& request, const RunContext& run) {
   if (request.fields.empty()) throw InputError("a report needs a field; give --field FILE.rfield");
-  const ScratchFolder scratch;
+  const TemporaryFolder scratch;
   const ReportInput input =
       load_input(request.session.internal(), request.fields, request.truth, scratch.path(), run);
   std::vector<ChosenPixel> pixels = asked_pixels(request, input.session);

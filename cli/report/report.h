@@ -51,18 +51,4 @@ Json page_data(const ReportInput& input, const std::vector<FieldFigures>& evalua
 /// mixing, residual of each photograph.
 Json check_json(const FrameReport& found, int photographs);
 
-/// A folder of its own among the system's temporary files, removed with all it holds at the end of its life.
-class ScratchFolder {
- public:
-  /// Throws DeviceError where the system refuses.
-  ScratchFolder();
-  ~ScratchFolder();
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
 }  // namespace refield::report

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+#include <cerrno>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "refield/run_context.h"
+
+namespace refield {
+
+/// A folder of its own among the system's temporary files, removed with all it holds at the end of its life.
+class TemporaryFolder {
+ public:
+  /// Throws DeviceError where the system refuses.
+  TemporaryFolder() {
+    std::string name = std::filesystem::temp_directory_path() / "refield-XXXXXX";
+    if (!::mkdtemp(name.data())) throw DeviceError(name, errno, "cannot create a temporary folder");
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+}  // namespace refield
