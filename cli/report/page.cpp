@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <limits>
 
+#include "core/base/number_text.h"
 #include "core/image/false_colour.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
@@ -40,15 +40,6 @@ std::string base64(std::span<const std::uint8_t> bytes) {
 
 namespace {
 
-std::string fixed(double value, int decimals) {
-  if (!std::isfinite(value)) return "–";
-  std::array<char, 400> buffer;
-  const auto end =
-      std::to_chars(buffer.data(), buffer.data() + buffer.size(), value, std::chars_format::fixed, decimals)
-          .ptr;
-  return {buffer.data(), end};
-}
-
 constexpr float outside_grey = 0.5f;
 
 template <class Merge, class Finish>
@@ -74,20 +65,16 @@ std::string significant(double value, int digits) {
   if (!std::isfinite(value)) return "–";
   if (value == 0.0) return "0";
   // Round first: 9.996 to three digits is 10.0, which has a decimal less.
-  std::array<char, 64> rounded;
-  const auto end = std::to_chars(rounded.data(), rounded.data() + rounded.size(), value,
-                                 std::chars_format::scientific, digits - 1)
-                       .ptr;
-  std::from_chars(rounded.data(), end, value);
+  value = *number_from_text<double>(formatted("%.*e", digits - 1, value));
   const int magnitude = static_cast<int>(std::floor(std::log10(std::abs(value)) + 1e-9));
-  return fixed(value, std::max(0, digits - 1 - magnitude));
+  return formatted("%.*f", std::max(0, digits - 1 - magnitude), value);
 }
 
 std::string bytes_text(double bytes) {
   static constexpr std::array units = {"bytes", "kB", "MB", "GB", "TB"};
   std::size_t unit = 0;
   for (; bytes >= 999.5 && unit + 1 < units.size(); ++unit) bytes /= 1000.0;
-  return (unit == 0 ? fixed(bytes, 0) : significant(bytes, 3)) + " " + units[unit];
+  return (unit == 0 ? formatted("%.0f", bytes) : significant(bytes, 3)) + " " + units[unit];
 }
 
 double round_up(double value) {
@@ -111,10 +98,7 @@ Image shrunk_by_maximum(const Image& image, int max_width) {
 
 double display_exposure(const Image& image, const Mask& mask) {
   const double exact = exposure_to_white(image, mask);
-  const std::string text = significant(exact, 2);
-  double exposure = exact;
-  std::from_chars(text.data(), text.data() + text.size(), exposure);
-  return exposure;
+  return number_from_text<double>(significant(exact, 2)).value_or(exact);
 }
 
 Image error_magnitude(const Image& predicted, const Image& reference) {

@@ -70,33 +70,24 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
   return error.relative_rmse_map();
 }
 
-std::string name_of_kind(const HeldOutError& error) {
-  return error.kind.empty() ? "all" : error.kind;
-}
-
-Json kinds_json(const std::vector<HeldOutError>& errors) {
-  Json json = Json::object();
-  for (const HeldOutError& error : errors)
-    json[name_of_kind(error)] = {{"images", error.images},
-                                 {"trained_on", error.trained_on ? Json(*error.trained_on) : Json(nullptr)},
-                                 {"relative_rmse", error.relative_rmse},
-                                 {"median", error.median},
-                                 {"percentile_90", error.percentile_90},
-                                 {"tone_mapped_psnr_db", error.tone_mapped_psnr_db}};
-  return json;
-}
-
-/// The same with each image's own errors.
-Json kinds_and_images_json(const std::vector<HeldOutError>& errors) {
-  Json json = kinds_json(errors);
-  for (const HeldOutError& error : errors)
+/// By kind of light, with each image's own errors.
+Json errors_json(const std::vector<HeldOutError>& errors) {
+  Json kinds = Json::object();
+  for (const HeldOutError& error : errors) {
+    Json& json = kinds[error.kind.empty() ? "all" : error.kind];
+    json = {{"images", error.images},
+            {"trained_on", error.trained_on ? Json(*error.trained_on) : Json(nullptr)},
+            {"relative_rmse", error.relative_rmse},
+            {"median", error.median},
+            {"percentile_90", error.percentile_90},
+            {"tone_mapped_psnr_db", error.tone_mapped_psnr_db}};
     for (const HeldOutImage& image : error.per_image)
-      json[name_of_kind(error)]["per_image"].push_back(
-          {{"name", image.name},
-           {"observed", image.observed.string()},
-           {"relative_rmse", image.error.relative_rmse},
-           {"tone_mapped_psnr_db", image.error.tone_mapped_psnr_db}});
-  return json;
+      json["per_image"].push_back({{"name", image.name},
+                                   {"observed", image.observed.string()},
+                                   {"relative_rmse", image.error.relative_rmse},
+                                   {"tone_mapped_psnr_db", image.error.tone_mapped_psnr_db}});
+  }
+  return kinds;
 }
 
 Json options_json(const EstimateOptions& options) {
@@ -121,7 +112,7 @@ Json field_json(const FieldEntry& entry, const FieldFigures& figures) {
                         {"share_of_95_percent", statistics.share_of_95_percent}};
   json["errors"] = Json::object();
   for (const ReferenceErrors& errors : figures.errors)
-    json["errors"][errors.reference] = kinds_and_images_json(errors.kinds);
+    json["errors"][errors.reference] = errors_json(errors.kinds);
   return json;
 }
 
