@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "acquire/capture/exposure_plan.h"
 #include "core/base/number_text.h"
 
 namespace refield {
@@ -95,24 +94,6 @@ SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int coun
     moments.variance[s] = static_cast<float>(squares / std::max(1, count - 1));
   }
   return moments;
-}
-
-double mean_over(const RawFrame& frame, std::span<const std::uint32_t> samples) {
-  double sum = 0.0;
-  for (auto s : samples) sum += frame.samples[s];
-  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
-}
-
-double mean_over(const std::vector<float>& values, std::span<const std::uint32_t> samples) {
-  double sum = 0.0;
-  for (auto s : samples) sum += values[s];
-  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
-}
-
-double quantile_of(std::vector<float> values, double q) {
-  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, values.begin() + rank);
-  return values[rank];
 }
 
 std::vector<Seconds> exposure_series(const CameraDescription& camera, Seconds low, Seconds high, int count,

@@ -6,8 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "acquire/calibrate/calibration.h"
-#include "acquire/camera.h"
+#include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/illuminator.h"
 
@@ -64,10 +63,13 @@ SampleMoments sample_moments(CalibrationBench& bench, Seconds exposure, int coun
                              std::span<const std::uint32_t> steadied = {}, double black = 0.0,
                              const RunContext& run = {});
 
-double mean_over(const RawFrame& frame, std::span<const std::uint32_t> samples);
-double mean_over(const std::vector<float>& values, std::span<const std::uint32_t> samples);
-/// The value below which the share `q` of the values lies.
-double quantile_of(std::vector<float> values, double q);
+/// The mean of some of `values`; 0 of none.
+template <class Value>
+double mean_over(const std::vector<Value>& values, std::span<const std::uint32_t> samples) {
+  double sum = 0.0;
+  for (const auto s : samples) sum += values[s];
+  return samples.empty() ? 0.0 : sum / static_cast<double>(samples.size());
+}
 
 /// Growing exposures from `low` to `high`, evenly spaced in ratio, within the camera's range and whole
 /// multiples of `unit` where that is not zero; fewer than `count` where multiples coincide, at least one.

@@ -104,10 +104,7 @@ Photograph above_black(CalibrationBench& bench, const CameraCalibration& camera,
                        const Photograph& black, const RunContext& run) {
   bench.show(image);
   Photograph shot = photograph(bench, camera, exposures, frames_per_mean, run);
-  for (std::size_t i = 0; i < shot.radiance.values.size(); ++i) {
-    shot.radiance.values[i] -= black.radiance.values[i];
-    shot.sigma.values[i] = std::hypot(shot.sigma.values[i], black.sigma.values[i]);
-  }
+  subtract_ambient(shot, black);
   return shot;
 }
 

@@ -29,7 +29,7 @@ std::vector<double> levels_after(CalibrationBench& bench, const Metering& meteri
   const TimePoint made = bench.set_exposure(exposure);
   for (int i = 0; i < 8 * frames_watched && static_cast<int>(levels.size()) < frames_watched; ++i) {
     const RawFrame frame = bench.next_frame(metering.exposure, run);
-    if (frame.exposure_start >= made) levels.push_back(mean_over(frame, metering.lit));
+    if (frame.exposure_start >= made) levels.push_back(mean_over(frame.samples, metering.lit));
   }
   if (static_cast<int>(levels.size()) < frames_watched)
     throw DeviceError(bench.camera().name, EIO,
@@ -418,8 +418,9 @@ Banding measure_banding(CalibrationBench& bench, const Metering& metering, doubl
     const Seconds exposure = shortest * std::pow(metering.exposure / shortest, irregular);
     const RawFrame frame = bench.frame(exposure, run);
     if (!begin) begin = frame.exposure_start;
-    result.frames.push_back({Seconds(frame.exposure_start - *begin).count(), frame.exposure.count(),
-                             std::max(0.5, mean_over(frame, samples) - black_dn) / frame.exposure.count()});
+    result.frames.push_back(
+        {Seconds(frame.exposure_start - *begin).count(), frame.exposure.count(),
+         std::max(0.5, mean_over(frame.samples, samples) - black_dn) / frame.exposure.count()});
   }
   analyse(result);
   return result;

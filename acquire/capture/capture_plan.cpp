@@ -12,6 +12,7 @@
 
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
+#include "acquire/hdr/hdr_merge.h"
 #include "core/base/config_file.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
@@ -47,17 +48,8 @@ std::uint32_t checksum_of(const CameraCalibration& camera, const MonitorCalibrat
   return checksum_of(monitor.uniformity, checksum_of(camera.flat_field, crc));
 }
 
-const char* name_of(MaskSource::Kind kind) {
-  switch (kind) {
-    case MaskSource::Kind::none:
-      return "none";
-    case MaskSource::Kind::painted:
-      return "painted";
-    case MaskSource::Kind::automatic:
-      return "automatic";
-  }
-  throw InputError("unknown mask source");
-}
+/// In the order of MaskSource::Kind.
+constexpr const char* mask_sources[] = {"none", "painted", "automatic"};
 
 constexpr double head_room = 0.9;  // of saturation: a sample brighter than metered must not clip at once
 
@@ -90,13 +82,6 @@ Seconds rounded_down(Seconds time, const ExposurePlanOptions& options, const Cam
     time = unit * std::max(1.0, std::floor(time / unit + rounding));
   }
   return std::clamp(time, camera.shortest_exposure, camera.longest_exposure);
-}
-
-/// A value that was measured, not one between two: it names a pixel's radiance. Reorders `values`.
-double value_at_quantile(std::vector<float>& values, double q) {
-  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::ranges::nth_element(values, values.begin() + rank);
-  return values[rank];
 }
 
 }  // namespace
@@ -186,7 +171,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
     }
     how.insert("multiple_of", request.exposure_plan.multiple_of.count());
   }
-  toml::table mask{{"source", name_of(request.mask.kind)}};
+  toml::table mask{{"source", mask_sources[static_cast<std::size_t>(request.mask.kind)]}};
   if (!request.mask.file.empty()) mask.insert("crc32", checksum_of(request.mask.file));
   toml::array lights;
   for (const CaptureLight& light : request.lights)
@@ -237,11 +222,11 @@ SceneRange meter_range(const CameraDescription& camera, const CameraCalibration&
     if (exposure == camera.longest_exposure) break;
     exposure = std::min(exposure * ratio, camera.longest_exposure);
   }
-  std::vector<float> radiance = merge_exposures(frames, calibration).radiance.values;
+  const std::vector<float> radiance = merge_exposures(frames, calibration).radiance.values;
   SceneRange range;
-  range.bright = value_at_quantile(radiance, 0.999);
+  range.bright = quantile_of(radiance, 0.999);
   // Places that are black even under white have no noise worth asking for.
-  range.dark = typical_light * std::max<double>(value_at_quantile(radiance, 0.05), range.bright * 1e-4);
+  range.dark = typical_light * std::max<double>(quantile_of(radiance, 0.05), range.bright * 1e-4);
   return range;
 }
 

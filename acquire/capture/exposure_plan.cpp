@@ -34,6 +34,12 @@ void ExposurePlanOptions::check() const {
     throw InputError("exposure times must not be negative");
 }
 
+double quantile_of(std::vector<float> values, double q) {
+  const auto rank = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+  std::ranges::nth_element(values, values.begin() + rank);
+  return values[rank];
+}
+
 std::vector<Seconds> exponential_exposures(const ExposurePlanOptions& options,
                                            const CameraDescription& camera) {
   options.check();
@@ -111,11 +117,8 @@ Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCa
       std::sqrt(camera.shortest_exposure.count() * camera.longest_exposure.count()) * Seconds(1.0);
   for (int attempt = 0; attempt < max_probes; ++attempt) {
     if (!camera.exposures.empty()) exposure = settable_exposure(exposure, camera);
-    RawFrame frame = probe(exposure);
-    const auto rank =
-        static_cast<std::ptrdiff_t>((1.0 - clipped_allowed) * static_cast<double>(frame.samples.size() - 1));
-    std::ranges::nth_element(frame.samples, frame.samples.begin() + rank);
-    const double bright = frame.samples[rank];
+    const RawFrame frame = probe(exposure);
+    const double bright = quantile_of({frame.samples.begin(), frame.samples.end()}, 1.0 - clipped_allowed);
     const double signal = linear_at(bright) / full;
     const bool clipped = bright >= calibration.saturation_dn;
     const double factor = clipped ? 1.0 / 16.0 : head_room / std::max(signal, head_room / 64.0);

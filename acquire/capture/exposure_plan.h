@@ -37,6 +37,9 @@ void check_exposures(const std::vector<Seconds>& exposures, const CameraDescript
 /// InputError naming the nearest ones.
 void require_listed_exposures(const std::vector<Seconds>& exposures, const CameraDescription& camera);
 
+/// The value below which the share `q` of the values lies: one that was measured, not one between two.
+double quantile_of(std::vector<float> values, double q);
+
 /// Takes one frame of the brightest light with the given exposure.
 using Probe = std::function<RawFrame(Seconds exposure)>;
 

@@ -6,13 +6,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <numeric>
 #include <optional>
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/linear_algebra.h"
+#include "core/base/number_text.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
@@ -28,9 +28,7 @@ constexpr double tolerated_factor = 0.10;   // 1/15, 1/30, 1/60 s stand for 1/16
 constexpr double share_of_range_clipped = 0.96;  // cameras bend samples below full scale
 
 std::string digits(double value, int significant = 3) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*g", significant, value);
-  return text;
+  return formatted("%.*g", significant, value);
 }
 
 std::string percent(double share) {
