@@ -90,11 +90,6 @@ void CalibrateOptions::check() const {
   if (tone_step < 1 || tone_step > 85 || 255 % tone_step != 0)
     throw InputError("the step between drive levels is " + std::to_string(tone_step) +
                      "; give 1, 3, 5, 15, 17, 51 or 85");
-  if (exposures < 1 || exposures > 8)
-    throw InputError("the number of exposures is " + std::to_string(exposures) + "; give 1 to 8");
-  if (!(superposition_tolerance > 0.0 && superposition_tolerance < 1.0))
-    throw InputError("the tolerance of superposition is " + std::to_string(superposition_tolerance) +
-                     "; give a fraction such as 0.01");
   flat_field.check("flat field");
   uniformity.check("uniformity of the screen");
 }
@@ -136,9 +131,9 @@ RigMeasurements calibrate(Camera& camera, Illuminator& illuminator, Trigger* tri
                                       rig.response, unit, run);
   rig.camera = camera_of(rig, options.flat_field);
 
-  const auto exposures = bracket_for(bench, options.exposures, unit, run);
-  rig.superposition =
-      measure_superposition(bench, rig.camera, exposures, options.superposition_tolerance, run);
+  constexpr int exposures_of_photographs = 3;
+  const auto exposures = bracket_for(bench, exposures_of_photographs, unit, run);
+  rig.superposition = measure_superposition(bench, rig.camera, exposures, run);
   rig.tone_curve = measure_tone_curve(bench, rig.camera, exposures, options.tone_step, run);
   rig.monitor.radiance_from_level = rig.tone_curve.light_from_level;
   rig.monitor.uniformity = options.uniformity;

@@ -22,8 +22,6 @@ struct CalibrateOptions {
   double gain = 1.0;      ///< of the camera, for all measurements
   Seconds patience{0.5};  ///< the display has surely settled so long after a flip
   int tone_step = 5;      ///< between drive levels that are shown; divides 255
-  int exposures = 3;      ///< of a photograph
-  double superposition_tolerance = 0.01;
   // Known from earlier calibrations; empty: none.
   RelativeMap flat_field;  ///< of the lens
   RelativeMap uniformity;  ///< of the screen

@@ -212,8 +212,7 @@ double Superposition::largest_error() const {
 }
 
 Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
-                                    const std::vector<Seconds>& exposures, double tolerance,
-                                    const RunContext& run) {
+                                    const std::vector<Seconds>& exposures, const RunContext& run) {
   using Inside = std::function<bool(double, double)>;
   const std::vector<std::pair<std::string, Inside>> patterns = {
       {"left and right half", [](double u, double) { return u < 0.5; }},
@@ -223,7 +222,6 @@ Superposition measure_superposition(CalibrationBench& bench, const CameraCalibra
       {"small square and the rest of the screen",
        [](double u, double v) { return std::abs(u - 0.5) < 0.125 && std::abs(v - 0.5) < 0.125; }}};
   Superposition result;
-  result.tolerance = tolerance;
   Progress progress(run, "testing superposition", 2 * patterns.size() + 2);
   const auto shoot = [&](const Inside& inside) {
     bench.show(pattern(bench.display(), inside));

@@ -43,7 +43,7 @@ struct SuperpositionPair {
 
 struct Superposition {
   std::vector<SuperpositionPair> pairs;
-  double tolerance = 0.01;
+  static constexpr double tolerance = 0.01;
   bool holds() const;
   double largest_error() const;  ///< by size
 };
@@ -53,8 +53,7 @@ struct Superposition {
 /// Pairs: left and right half, upper and lower, the squares of a chequerboard, a small square and its
 /// surround.
 Superposition measure_superposition(CalibrationBench& bench, const CameraCalibration& camera,
-                                    const std::vector<Seconds>& exposures, double tolerance,
-                                    const RunContext& run = {});
+                                    const std::vector<Seconds>& exposures, const RunContext& run = {});
 
 /// A map of brightness over the frame or the screen.
 struct UniformityMap {

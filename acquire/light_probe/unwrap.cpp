@@ -32,12 +32,8 @@ double conductor_reflectance(double n, double k, double c) {
 
 constexpr double samples_per_pixel = 3.0;  // along each side of a texel
 constexpr int max_samples_per_side = 64;   // along each side of a texel
-
-void require_number(double value, double low, double high, const char* what) {
-  if (!(value >= low && value <= high))
-    throw InputError(std::string(what) + " is " + std::to_string(value) + "; give " + std::to_string(low) +
-                     " to " + std::to_string(high));
-}
+/// Nothing is taken from within this angle of the camera itself, nor from this near to the ball's outline.
+constexpr double camera_region_degrees = 5.0, rim_px = 2.0;
 
 double positive(float value) {
   return std::max(static_cast<double>(value), 0.0);
@@ -65,7 +61,7 @@ class Unwrapper {
         camera_from_world_(rotation_of(turn).transpose()),
         hidden_(hidden),
         options_(options),
-        cos_region_(std::cos(radians_from_degrees(options.camera_region_degrees))),
+        cos_region_(std::cos(radians_from_degrees(camera_region_degrees))),
         sharpest_(ball.find(-ball.towards())->pixels_per_radian) {}
 
   void texel(int x, int y, SeenLight& seen) const {
@@ -104,7 +100,7 @@ class Unwrapper {
         camera_from_world_ * lat_long_direction(column, row, options_.width, options_.width / 2);
     if (-direction.dot(ball_.towards()) > cos_region_) return std::nullopt;
     auto found = ball_.find(direction);
-    if (!found || found->depth_px < options_.rim_px) return std::nullopt;
+    if (!found || found->depth_px < rim_px) return std::nullopt;
     return found;
   }
 
@@ -295,8 +291,6 @@ void UnwrapOptions::check() const {
   if (width < 8 || width > 16384 || width % 2 != 0)
     throw InputError("the light map's width is " + std::to_string(width) +
                      "; give an even number, 8 to 16384");
-  require_number(camera_region_degrees, 0.0, 60.0, "the camera's region, degrees,");
-  require_number(rim_px, 0.0, 100.0, "the rim, pixels,");
   for (double factor : gain)
     if (!(factor > 0.0 && std::isfinite(factor)))
       throw InputError("the filters' factor is " + std::to_string(factor) +

@@ -53,8 +53,6 @@ struct UnwrapOptions {
   MirrorReflectance reflectance = MirrorReflectance::chrome();
   /// What the photograph is multiplied by, each channel: 1 / transmittance of neutral-density filters.
   std::array<double, 3> gain = {1.0, 1.0, 1.0};
-  double camera_region_degrees = 5.0;  ///< nothing is taken from within this angle of the camera itself
-  double rim_px = 2.0;                 ///< nor from this near to the ball's outline
 
   /// Throws InputError naming the option and its range.
   void check() const;

@@ -154,7 +154,7 @@ Superposition superposition_under(double dimming) {
   const SensorModel sensor;
   VirtualRig rig = known_rig(View::scene, monitor, sensor);
   CalibrationBench bench(rig.camera(), rig.illuminator(), nullptr, 1.0, Seconds(0.2));
-  return measure_superposition(bench, test::true_calibration(sensor), bracket, 0.01);
+  return measure_superposition(bench, test::true_calibration(sensor), bracket);
 }
 
 TEST(Superposition, HoldsForLightThatAddsUp) {
