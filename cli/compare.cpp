@@ -104,10 +104,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
     truth.emplace(fs::is_directory(options.truth) ? options.truth / "transport.rfield" : options.truth,
                   run_context());
   const auto errors = compare(field, session, truth ? &*truth : nullptr, options.noise_scale, run_context());
-  if (common.json) {
-    print_json(Json{{"held_out", held_out_figures(errors)}});
-    return;
-  }
+  if (common.json) return print_json(Json{{"held_out", held_out_figures(errors)}});
   print_errors(errors);
   print_prediction(errors);
 }

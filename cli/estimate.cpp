@@ -45,10 +45,7 @@ RowRange rows_from_text(const std::string& text, const Session& session, const E
 
 void dry_run(const EstimateArguments& arguments, const Session& session, const Common& common) {
   const EstimateCost cost = estimate_cost(session, arguments.options, run_context());
-  if (common.json) {
-    print_json(json_from_text(cost.log));
-    return;
-  }
+  if (common.json) return print_json(json_from_text(cost.log));
   const EstimatePlan& plan = cost.plan;
   std::printf("%d images are usable; nothing was written\n", plan.images);
   std::printf("rows %d to %d in %d bands of %d\n", plan.rows.first, plan.rows.last - 1, plan.bands,

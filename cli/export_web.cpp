@@ -85,16 +85,14 @@ void export_web(const ExportWebOptions& options, const Common& common) {
   const web::ExportReport report = web::export_page(
       field, title, options.output,
       options.environments.empty() ? std::vector<web::PageMap>() : maps_of(options, field), run_context());
-  if (common.json) {
-    print_json(Json{{"page", (options.output / "index.html").string()},
-                    {"stride", stride},
-                    {"files", report.files},
-                    {"bytes", report.bytes},
-                    {"relative_rmse", report.relative_rmse},
-                    {"largest_8_bit_difference", report.largest_difference},
-                    {"exposure", report.exposure}});
-    return;
-  }
+  if (common.json)
+    return print_json(Json{{"page", (options.output / "index.html").string()},
+                           {"stride", stride},
+                           {"files", report.files},
+                           {"bytes", report.bytes},
+                           {"relative_rmse", report.relative_rmse},
+                           {"largest_8_bit_difference", report.largest_difference},
+                           {"exposure", report.exposure}});
   std::printf("%s: %zu files, %s\n", (options.output / "index.html").c_str(), report.files,
               report::bytes_text(static_cast<double>(report.bytes)).c_str());
   if (stride > 1)

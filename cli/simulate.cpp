@@ -114,20 +114,18 @@ void remove_earlier(const fs::path& folder) {
 void print(const SimulateSummary& summary, const fs::path& folder, bool json) {
   const double pixels = static_cast<double>(summary.width) * summary.height;
   const double rays_per_second = static_cast<double>(summary.rays) / std::max(1e-9, summary.trace_seconds);
-  if (json) {
-    print_json(Json{{"folder", folder.string()},
-                    {"width", summary.width},
-                    {"height", summary.height},
-                    {"lights", summary.lights},
-                    {"entries_per_pixel", summary.entries_per_pixel},
-                    {"transport_bytes", summary.transport_bytes},
-                    {"rays", summary.rays},
-                    {"rays_per_second", rays_per_second},
-                    {"light_seconds", summary.light_seconds},
-                    {"trace_seconds", summary.trace_seconds},
-                    {"write_seconds", summary.write_seconds}});
-    return;
-  }
+  if (json)
+    return print_json(Json{{"folder", folder.string()},
+                           {"width", summary.width},
+                           {"height", summary.height},
+                           {"lights", summary.lights},
+                           {"entries_per_pixel", summary.entries_per_pixel},
+                           {"transport_bytes", summary.transport_bytes},
+                           {"rays", summary.rays},
+                           {"rays_per_second", rays_per_second},
+                           {"light_seconds", summary.light_seconds},
+                           {"trace_seconds", summary.trace_seconds},
+                           {"write_seconds", summary.write_seconds}});
   std::printf("%s: %d photographs of %d×%d pixels\n", folder.c_str(), summary.lights, summary.width,
               summary.height);
   std::printf("transport: %.0f boxes per pixel", summary.entries_per_pixel);

@@ -440,10 +440,8 @@ class GphotoCamera final : public TetheredCamera {
     const auto setting = read_setting(*open_, name);
     if (!setting || has_word(lower_case(setting->value), words)) return;
     for (const std::string& choice : setting->choices)
-      if (setting->is_writable && has_word(lower_case(choice), words)) {
-        write_setting(*open_, description_.name, name, choice);
-        return;
-      }
+      if (setting->is_writable && has_word(lower_case(choice), words))
+        return write_setting(*open_, description_.name, name, choice);
     if (name == "focusmode")
       run_.note(description_.name + ": focusmode is '" + setting->value +
                 "'; switch the lens to manual focus, so that no photograph waits for focus");

@@ -250,10 +250,7 @@ bool are_directions(std::span<const ListLine> lines) {
 
 void read_counted(LightStage& stage, std::vector<ListLine> lines, DirectionReader& directions) {
   require_count(stage, lines);
-  if (!are_directions(std::span(lines).subspan(1))) {
-    read_named_positions(stage, lines, directions);
-    return;
-  }
+  if (!are_directions(std::span(lines).subspan(1))) return read_named_positions(stage, lines, directions);
   lines.erase(lines.begin());
   read_directions(stage, lines, directions);
 }

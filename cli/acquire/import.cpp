@@ -134,13 +134,11 @@ void merge_one_view(const ImportOptions& options, const Common& common) {
     images.push_back({{"file", bracket.paths[i].string()},
                       {"seconds", bracket.exposures[i].count()},
                       {"useful_fraction", statistics.useful_fraction[i]}});
-  if (common.json) {
-    print_json(Json{{"images", images},
-                    {"response_estimated", !camera.curve.empty()},
-                    {"notes", notes},
-                    {"clipped_fraction", statistics.clipped_fraction}});
-    return;
-  }
+  if (common.json)
+    return print_json(Json{{"images", images},
+                           {"response_estimated", !camera.curve.empty()},
+                           {"notes", notes},
+                           {"clipped_fraction", statistics.clipped_fraction}});
   for (const std::string& note : notes) std::printf("note: %s\n", note.c_str());
   for (const auto& image : images)
     std::printf("%s: %.6g s, useful for %.1f %% of the samples\n", image["file"].get<std::string>().c_str(),
@@ -197,14 +195,12 @@ void estimate_camera_response(const ImportOptions& given, const Common& common) 
   const MergeOptions& margin = calibration.bits == 8 ? with_compressed_samples : with_unmeasured_saturation;
   calibration.saturation_dn = std::floor((1.0 - margin.clip_margin) * calibration.saturation_dn);
   write_calibration(output, calibration, std::nullopt);
-  if (common.json) {
-    print_json(Json{{"brackets", brackets.size()},
-                    {"places", estimate.places},
-                    {"residual", estimate.residual},
-                    {"disagreement_assumed", assumed},
-                    {"disagreement", estimated}});
-    return;
-  }
+  if (common.json)
+    return print_json(Json{{"brackets", brackets.size()},
+                           {"places", estimate.places},
+                           {"residual", estimate.residual},
+                           {"disagreement_assumed", assumed},
+                           {"disagreement", estimated}});
   std::printf("%s: response estimated from %zu samples of %zu brackets\n", output.c_str(), estimate.places,
               brackets.size());
   std::printf("exposures disagree by %.1f %% with this response, by %.1f %% with %s\n", 100.0 * estimated,

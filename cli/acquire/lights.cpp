@@ -85,10 +85,9 @@ class PatternWriter {
 
 void report(const LightsOptions& options, std::size_t count, int width, int height, double clipped,
             const Common& common) {
-  if (common.json) {
-    print_json(Json{{"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}});
-    return;
-  }
+  if (common.json)
+    return print_json(
+        Json{{"lights", count}, {"width", width}, {"height", height}, {"clipped_fraction", clipped}});
   std::printf("%s: %zu light maps of %d×%d", options.output.c_str(), count, width, height);
   if (!options.starter && !options.spots)
     std::printf("; %.2f %% of the samples were brighter than white and were clipped", 100.0 * clipped);
@@ -176,14 +175,8 @@ void make_spots(const LightsOptions& options, const Common& common) {
 
 void make_lights_of(LightsOptions& options, const Common& common) {
   options.force = common.force;
-  if (options.spots) {
-    make_spots(options, common);
-    return;
-  }
-  if (options.starter) {
-    make_starter_set(options, common);
-    return;
-  }
+  if (options.spots) return make_spots(options, common);
+  if (options.starter) return make_starter_set(options, common);
   if (options.images.empty())
     throw InputError("no source images are given; give images, or --starter for a set of patterns");
   if (options.size.empty())

@@ -71,10 +71,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
     run_context().note(arguments.scene.string() +
                        ": no light reaches any vertex, so that every picture is black; if the surfaces face "
                        "inwards, flip their normals (the winding of their faces)");
-  if (common.json) {
-    print_json(figures);
-    return;
-  }
+  if (common.json) return print_json(figures);
   std::printf("%s: %zu vertices, %.1f MB, in %.1f s\n", arguments.output.c_str(), scene.mesh.positions.size(),
               static_cast<double>(fs::file_size(arguments.output)) / 1e6, seconds);
   if (figures.contains("clusters"))
