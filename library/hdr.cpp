@@ -9,6 +9,16 @@
 
 namespace refield {
 
+namespace {
+
+Photograph merged(Bracket bracket, BracketCamera camera, const RunContext& run) {
+  const std::vector<BracketSamples> samples = {samples_of(bracket)};
+  for (const std::string& note : settle_response(samples, camera)) run.note(note);
+  return merge_bracket(bracket, camera);
+}
+
+}  // namespace
+
 Photograph v0_2::merge_exposures(std::span<const std::filesystem::path> files,
                                  std::span<const double> seconds, const ExposureCamera& camera,
                                  const RunContext& run) {
@@ -18,10 +28,7 @@ Photograph v0_2::merge_exposures(std::span<const std::filesystem::path> files,
   known.read_noise_electrons = camera.read_noise_electrons;
   const std::vector<Seconds> exposures(seconds.begin(), seconds.end());
   return guarded(run, [&] {
-    Bracket bracket = read_bracket({files.begin(), files.end()}, known, exposures);
-    const std::vector<BracketSamples> samples = {samples_of(bracket)};
-    for (const std::string& note : settle_response(samples, known)) run.note(note);
-    return merge_bracket(bracket, known);
+    return merged(read_bracket({files.begin(), files.end()}, known, exposures), known, run);
   });
 }
 
@@ -46,11 +53,7 @@ Photograph v0_2::merge_exposures(std::span<const ImageView> images, std::span<co
   known.saturation = 1.0;
   known.full_scale_electrons = camera.full_scale_electrons;
   known.read_noise_electrons = camera.read_noise_electrons;
-  return guarded(run, [&] {
-    const std::vector<BracketSamples> samples = {samples_of(bracket)};
-    for (const std::string& note : settle_response(samples, known)) run.note(note);
-    return merge_bracket(bracket, known);
-  });
+  return guarded(run, [&] { return merged(std::move(bracket), known, run); });
 }
 
 }  // namespace refield

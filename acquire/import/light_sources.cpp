@@ -457,17 +457,9 @@ Image light_map_of(const LightStage& stage, std::size_t source) {
 }
 
 MirrorBall locate_ball(const ChromeBall& ball, const Image& mean) {
-  ProbeOptics optics;
-  optics.principal_px = Eigen::Vector2d(mean.width, mean.height) / 2.0;
-  if (ball.field_of_view_degrees) {
-    const double view = *ball.field_of_view_degrees;
-    if (!(view > 0.0 && view < 180.0))
-      throw InputError("--horizontal-fov " + std::to_string(view) +
-                       ": give more than 0, less than 180 degrees");
-    optics.focal_px = 0.5 * mean.width / std::tan(radians_from_degrees(view) / 2.0);
-  } else {
-    optics.distance_radii = far_away;
-  }
+  const auto& view = ball.field_of_view_degrees;
+  const ProbeOptics optics = view ? ProbeOptics::of_view(*view, mean.width, mean.height)
+                                  : ProbeOptics{{}, far_away, Eigen::Vector2d(mean.width, mean.height) / 2.0};
   MirrorBall located = ball.circle ? ball_from_circle(*ball.circle, optics) : find_ball(mean, optics).ball;
   require_usable(located, mean.width, mean.height, "the photographs");
   return located;

@@ -50,14 +50,10 @@ Photograph read_probe_photograph(const fs::path& path, std::optional<double> sat
 }
 
 ProbeOptics optics_of(const ProbeSide& side, int width, int height) {
-  ProbeOptics optics{{}, side.distance_radii, Eigen::Vector2d(width, height) / 2.0};
-  if (side.field_of_view_degrees) {
-    const double view = *side.field_of_view_degrees;
-    if (!(view > 0.0 && view < 180.0))
-      throw InputError("the field of view is " + std::to_string(view) +
-                       " degrees; give more than 0, less than 180");
-    optics.focal_px = 0.5 * width / std::tan(radians_from_degrees(view) / 2.0);
-  }
+  ProbeOptics optics;
+  if (side.field_of_view_degrees) optics = ProbeOptics::of_view(*side.field_of_view_degrees, width, height);
+  optics.distance_radii = side.distance_radii;
+  optics.principal_px = Eigen::Vector2d(width, height) / 2.0;
   optics.check();
   return optics;
 }

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "core/base/linear_algebra.h"
+#include "core/base/units.h"
 
 namespace refield {
 
@@ -310,6 +311,13 @@ Eigen::Vector2d MirrorBall::outline_point(double turn) const {
   const double alpha = half_angle_;
   return camera_.project(std::cos(alpha) * towards_ +
                          std::sin(alpha) * (std::cos(turn) * first + std::sin(turn) * second));
+}
+
+ProbeOptics ProbeOptics::of_view(double degrees, int width, int height) {
+  if (!(degrees > 0.0 && degrees < 180.0))
+    throw InputError("the field of view is " + std::to_string(degrees) +
+                     " degrees; give more than 0, less than 180");
+  return {0.5 * width / std::tan(radians_from_degrees(degrees) / 2.0), {}, {0.5 * width, 0.5 * height}};
 }
 
 void ProbeOptics::check() const {

@@ -91,6 +91,9 @@ struct ProbeOptics {
   std::optional<double> distance_radii;  ///< from the camera to the ball's centre, in radii of the ball
   Eigen::Vector2d principal_px = Eigen::Vector2d::Zero();  ///< usually the middle of the image
 
+  /// Of a photograph that shows `degrees` across its width.
+  static ProbeOptics of_view(double degrees, int width, int height);
+
   /// Throws InputError unless exactly one is given and it is in range.
   void check() const;
 };

@@ -287,6 +287,12 @@ std::array<double, 3> channel_numbers(const std::string& text, const std::string
   return numbers;
 }
 
+std::optional<ImageCircle> circle_from_text(const std::string& text) {
+  if (text == "find") return std::nullopt;
+  const auto [x, y, radius] = channel_numbers(text, "--ball");
+  return ImageCircle{{x, y}, radius};
+}
+
 void UnwrapOptions::check() const {
   if (width < 8 || width > 16384 || width % 2 != 0)
     throw InputError("the light map's width is " + std::to_string(width) +

@@ -48,6 +48,9 @@ class MirrorReflectance {
 /// Reads "0.5" (all channels) or "0.5,0.6,0.7". Throws InputError naming `option`.
 std::array<double, 3> channel_numbers(const std::string& text, const std::string& option);
 
+/// Reads "X,Y,R" of --ball; nullopt: "find".
+std::optional<ImageCircle> circle_from_text(const std::string& text);
+
 struct UnwrapOptions {
   int width = 512;  ///< of the light map, even; its height is half of it
   MirrorReflectance reflectance = MirrorReflectance::chrome();

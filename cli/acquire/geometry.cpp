@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
-#include <numbers>
 #include <string>
 
 #include "acquire/light_probe/mirror_ball.h"
@@ -70,13 +69,8 @@ std::vector<SpotFrame> spot_frames(const CaptureSession& session) {
 
 MirrorBall ball_of(const GeometryOptions& options, const CaptureSession& session,
                    const std::vector<SpotFrame>& spots) {
-  ProbeOptics optics;
-  optics.focal_px = 0.5 * session.width / std::tan(0.5 * *options.horizontal_fov * std::numbers::pi / 180.0);
-  optics.principal_px = {0.5 * session.width, 0.5 * session.height};
-  if (options.ball != "find") {
-    const auto circle = channel_numbers(options.ball, "--ball");
-    return ball_from_circle({{circle[0], circle[1]}, circle[2]}, optics);
-  }
+  const auto optics = ProbeOptics::of_view(*options.horizontal_fov, session.width, session.height);
+  if (const auto circle = circle_from_text(options.ball)) return ball_from_circle(*circle, optics);
   Image sum(session.width, session.height, 3);
   for (const SpotFrame& spot : spots) {
     const Image photograph = read_photograph(spot.frame->observed).radiance;

@@ -61,10 +61,7 @@ ImportRequest request_of(const ImportOptions& options) {
   if (options.light_sources == "ball") {
     request.ball.emplace();
     request.ball->field_of_view_degrees = options.horizontal_fov;
-    if (options.ball != "find") {
-      const auto circle = channel_numbers(options.ball, "--ball");
-      request.ball->circle = ImageCircle{{circle[0], circle[1]}, circle[2]};
-    }
+    request.ball->circle = circle_from_text(options.ball);
   } else if (!options.light_sources.empty()) {
     std::optional<Eigen::Vector3d> object;
     if (!options.object_at.empty()) object.emplace(options.object_at.data());

@@ -55,10 +55,7 @@ ProbeSide side_of(const std::vector<std::string>& photographs, std::size_t side,
   result.field_of_view_degrees = options.horizontal_fov;
   if (options.distance) result.distance_radii = 2.0 * *options.distance / *options.diameter;
   const std::string ball = text_of(options.ball), hide = text_of(options.hide);
-  if (!ball.empty() && ball != "find") {
-    const auto circle = channel_numbers(ball, "--ball");
-    result.ball = ImageCircle{{circle[0], circle[1]}, circle[2]};
-  }
+  if (!ball.empty()) result.ball = circle_from_text(ball);
   if (!hide.empty()) result.hidden = hide;
   return result;
 }

@@ -8,7 +8,6 @@
 #include <array>
 #include <cmath>
 #include <fstream>
-#include <functional>
 #include <limits>
 #include <new>
 #include <set>
@@ -181,25 +180,22 @@ std::vector<std::uint16_t> corners_of(const std::vector<Box>& boxes) {
   return corners;
 }
 
-LightMap white_light(const LightDomain& domain) {
-  return {Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation};
-}
-
-using Relit = std::function<Image(const LightMap&)>;
-
 /// Sets the exposure and what the page's rounding costs.
-void measure(const LightDomain& domain, const Relit& full, const Relit& shown, ExportReport& report,
+void measure(const ReflectanceField& full, const ReflectanceField& shown, ExportReport& report,
              const RunContext& run) {
+  const LightDomain& domain = full.basis.domain;
   constexpr int bars = 4;
   double squares = 0.0, reference = 0.0;
   for (int i = -1; i < bars; ++i) {
     run.throw_if_stopped();
     const bool is_white = i < 0;  // first, since it tells the exposure
-    const LightMap light = is_white ? white_light(domain) : sliding_bar(domain, 0.125, i, bars);
-    const Image expected = full(light);
+    const LightMap light =
+        is_white ? LightMap{Image(domain.width, domain.height, 3, 1.0f), domain.parameterisation}
+                 : sliding_bar(domain, 0.125, i, bars);
+    const Image expected = full.relight(light);
     if (is_white) report.exposure = exposure_to_white(expected);
     run.throw_if_stopped();
-    const Image seen = shown(light);
+    const Image seen = shown.relight(light);
     const auto a = tone_mapped(expected, {report.exposure}), b = tone_mapped(seen, {report.exposure});
     for (std::size_t v = 0; v < a.size(); ++v) {
       const double difference = static_cast<double>(seen.values[v]) - expected.values[v];
@@ -255,11 +251,9 @@ Json interpolation_of(const LightInterpolation& of) {
 Json add_field(const ReflectanceField& field, const std::string& title, DataWriter& data,
                ExportReport& report, const RunContext& run) {
   const PackedField packed = pack(field, run);
-  const auto full = [&](const LightMap& light) { return field.relight(light); };
   ReflectanceField shown = unpacked(packed, run);
   shown.output_from_primaries = field.output_from_primaries;
-  measure(
-      field.basis.domain, full, [&](const LightMap& light) { return shown.relight(light); }, report, run);
+  measure(field, shown, report, run);
   data.add("counts", packed.counts, run);
   data.add("kernels", packed.kernels, run);
   data.add("weights", packed.weights, run);
