@@ -164,7 +164,7 @@ void CaptureWatch::attach(CaptureRequest& request) {
   };
 }
 
-std::set<CaptureWatch::Finding> CaptureWatch::findings() const {
+CaptureWatch::Findings CaptureWatch::findings() const {
   std::vector<std::filesystem::path> references = references_;
   std::erase_if(references, [](const auto& path) { return !std::filesystem::exists(path); });
   std::vector<VerdictRow> rows = compare_references(references);
@@ -175,10 +175,10 @@ std::set<CaptureWatch::Finding> CaptureWatch::findings() const {
     const auto more = check_capture(session, {}, run_context()).rows;
     rows.insert(rows.end(), more.begin(), more.end());
   }
-  std::set<Finding> found;
+  Findings found;
   for (const VerdictRow& row : rows)
     if (row.state != RigFinding::State::good && !is_of_the_devices(row))
-      found.insert({row.property, row.property + ": " + row.measured + "; " + row.remedy});
+      found.emplace(row.property, row.property + ": " + row.measured + "; " + row.remedy);
   return found;
 }
 
@@ -187,8 +187,8 @@ void CaptureWatch::check(const CaptureFrame& frame) {
   frames_.push_back(frame);
   if (!taken_ || static_cast<int>(frames_.size()) % every_ != 0) return;
   std::string news;
-  for (const Finding& finding : findings())
-    if (known_->insert(finding).second) news += "\n  " + finding.text;
+  for (const auto& [property, text] : findings())
+    if (known_->emplace(property, text).second) news += "\n  " + text;
   if (!news.empty())
     throw InputError("the capture stopped after " + std::to_string(frames_.size()) +
                      " training photographs, since a check of them found:" + news +

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
+#include <map>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -62,18 +62,14 @@ class CaptureWatch {
   void attach(CaptureRequest& request);
 
  private:
-  struct Finding {
-    std::string property, text;
-    auto operator<=>(const Finding& other) const { return property <=> other.property; }
-    bool operator==(const Finding& other) const { return property == other.property; }
-  };
-  std::set<Finding> findings() const;
+  using Findings = std::map<std::string, std::string>;  // what a row measured, by its property
+  Findings findings() const;
   void check(const CaptureFrame& frame);
   int every_;
   std::vector<CaptureFrame> frames_;
   std::vector<std::filesystem::path> references_;  ///< that may be there already
   bool taken_ = false;                             ///< a photograph, by this run
-  std::optional<std::set<Finding>> known_;
+  std::optional<Findings> known_;
 };
 
 }  // namespace refield::cli
