@@ -739,6 +739,8 @@ def estimate(light: Union[npt.ArrayLike, str, Sequence[Path], Session],
 
     Source: Matusik, Loper and Pfister, "Progressively-Refined Reflectance Functions from Natural Illumination", 2004.
     """
+    if max_kernels is not None and _arguments.whole(max_kernels, "max_kernels") < 1:
+        _arguments.refuse("max_kernels", max_kernels, "1 or more, or None for as many as the data support")
     options = _refield.EstimateOptions(
         _arguments.text(mode, "mode"), 0 if max_kernels is None else _arguments.whole(max_kernels, "max_kernels"),
         _arguments.flag(predict_errors, "predict_errors"), _arguments.flag(keep_outliers, "keep_outliers"),

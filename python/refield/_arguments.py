@@ -127,12 +127,20 @@ def progress_function(progress: Progress) -> Optional[Callable[[str, int, int], 
     return show
 
 
+def unmasked(array: Any, name: str, remedy: str) -> None:
+    for entry in array if isinstance(array, (list, tuple)) else [array]:
+        if isinstance(entry, np.ma.MaskedArray) and np.ma.is_masked(entry):  # type: ignore[no-untyped-call]
+            raise InputError(f"{name}: is a masked array, whose mask is not used; {remedy}, or give array.filled(value)")
+
+
 def floats(array: npt.ArrayLike, name: str) -> Array:
     """float32 as it is; float64 and float16 rounded or widened; uint16 and uint8 such that their largest value is 1."""
     entries = array if isinstance(array, (list, tuple)) else [array]
-    if any(isinstance(entry, np.ma.MaskedArray) and np.ma.is_masked(entry) for entry in entries):  # type: ignore[no-untyped-call]
-        raise InputError(f"{name}: is a masked array, whose mask is not used; mark unmeasured samples by sigma = inf, or "
-                         "give array.filled(value)")
+    unmasked(array, name, "mark unmeasured samples by sigma = inf")
+    types = {entry.dtype for entry in entries if isinstance(entry, np.ndarray)}
+    if len(types) > 1 and any(kind.kind != "f" for kind in types):
+        raise InputError(f"{name}: has images of the types {', '.join(sorted(map(str, types)))}, of which the whole numbers have a "
+                         "scale of their own; convert them to one type")
     try:
         given = np.asarray(array)
     except (TypeError, ValueError):
@@ -163,6 +171,7 @@ def light_for(out: Optional[Array], light: npt.ArrayLike) -> Array:
 def pixels(mask: Any, shape: Sequence[int]) -> npt.NDArray[np.bool_]:
     """A mask of images [..., height, width, 3]: true, or above one half as in files; whole numbers are 0 and 1, or 0 and the
     largest of their type."""
+    unmasked(mask, "mask", "give 0 for pixels that do not count")
     given = np.asarray(mask)
     if given.dtype.kind not in "biuf" or given.shape != tuple(shape[-3:-1]):
         wanted = "×".join(map(str, shape[-3:-1]))

@@ -147,7 +147,7 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
 
     Notes
     -----
-    Errors are those of `compare`: relative RMSE over pixels of the mask. ``fit_seconds`` is elapsed time; that of refield
+    Errors are those of `compare`: relative RMSE over measured samples of the mask. ``fit_seconds`` is elapsed time; that of refield
     includes reading the files.
     """
     from . import Session, compare
@@ -167,7 +167,9 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
     by_kind: dict[str, list[Any]] = {}
     for frame in test:
         by_kind.setdefault(frame.kind or "all", []).append(frame)
-    held_out = {kind: (np.stack([frame.light() for frame in frames]), np.stack([frame.observed() for frame in frames]))
+    held_out = {kind: (np.stack([frame.light() for frame in frames]), np.stack([frame.observed() for frame in frames]),
+                       np.stack([np.broadcast_to(np.float32(0) if (sigma := frame.sigma()) is None else sigma, session.shape)
+                                 for frame in frames]))
                 for kind, frames in by_kind.items()}
     report = _arguments.progress_function(progress)
     rows = Evaluation()
@@ -178,12 +180,12 @@ def evaluate(session: Any, estimators: Mapping[str, Union[Estimator, str]], prog
         start = time.perf_counter()
         estimator.fit(light, observed)
         fit_seconds = time.perf_counter() - start
-        for kind, (new_light, truth) in held_out.items():
+        for kind, (new_light, truth, sigma) in held_out.items():
             start = time.perf_counter()
             images = np.asarray(estimator.predict(new_light.reshape(len(new_light), -1)), dtype=np.float32)
             predict_ms = 1e3 * (time.perf_counter() - start) / len(truth)
             _require_numbers(images, (len(truth), truth[0].size), name)
-            errors = compare(images.reshape(truth.shape), truth, mask=session.mask)[0]
+            errors = compare(images.reshape(truth.shape), truth, sigma, session.mask)[0]
             rows.append(Row(name, kind, len(truth), errors.relative_rmse, errors.median, fit_seconds, predict_ms))
     if report is not None:
         report("evaluate", len(estimators), len(estimators))

@@ -293,11 +293,15 @@ WRONG_CALLS = {
     "too small for float32": lambda a: refield.estimate(a.light, a.observed.astype(float) * 1e-50),
     "height×width 18×24": lambda a: refield.compare(a.observed, a.observed, mask=np.ones(18 * 24)),
     r"observed\[0\]: has a sample that is not finite": lambda a: refield.compare(a.observed, a.observed * np.nan),
+    "max_kernels is 0": lambda a: refield.estimate(a.light, a.observed, max_kernels=0),
     "max_kernels is 2.5": lambda a: refield.estimate(a.light, a.observed, max_kernels=2.5),
     "predict_errors is 'no'": lambda a: refield.estimate(a.light, a.observed, predict_errors="no"),
     "memory is None": lambda a: refield.estimate(a.light, a.observed, memory=None),
     "masked array": lambda a: refield.estimate(a.light, np.ma.masked_greater(a.observed, 0.1)),
     "is a masked array": lambda a: refield.estimate(a.light, [np.ma.masked_greater(image, 0.1) for image in a.observed]),
+    "mask: is a masked array": lambda a: refield.estimate(a.light, a.observed, mask=np.ma.masked_less(np.eye(18, 24), 0.5)),
+    "images of the types float32, uint8": lambda a: refield.estimate(a.light, [a.observed[0], *np.uint8(255 * a.observed[1:])]),
+    "images of the types uint16, uint8": lambda a: a.field.relight([np.ones((12, 16, 3), np.uint8), np.ones((12, 16, 3), np.uint16)]),
     "observed: is no array": lambda a: refield.estimate(a.light, [a.observed[0], a.observed[1][:3]]),
     "observed: has the shape 0×18": lambda a: refield.estimate(a.light[:0], a.observed[:0]),
     "at most 1048576 images": lambda a: refield.estimate(np.broadcast_to(np.float32(1), (2**28, 4, 4, 3)), a.observed),
@@ -501,6 +505,25 @@ def test_pictures_are_shown_as_relight_writes_them(program, field, tmp_path):
     assert [axes.get_title() for axes in figure.axes if axes.get_title()] == ["relit"]
     assert figure.axes[1].images[0].get_clim()[0] == 0.0
     refield.show(np.zeros((4, 5, 3))).savefig(tmp_path / "black.png")
+
+
+def test_evaluate_leaves_out_what_compare_does(session, monkeypatch):
+    def sigma(frame):
+        return np.where(frame.observed() > np.quantile(frame.observed(), 0.8), np.inf, np.float32(1e-3)).astype(np.float32)
+
+    monkeypatch.setattr(refield.Frame, "sigma", sigma)
+
+    class Brighter:
+        def fit(self, light, observed):
+            pass
+
+        def predict(self, light):
+            frames = [frame for frame in session.test if frame.kind == "natural"]
+            images = np.stack([np.where(np.isinf(frame.sigma()), 99, 1.1 * frame.observed()) for frame in frames])
+            return images.reshape(len(images), -1) if len(light) == len(images) else np.zeros((len(light), images[0].size))
+
+    rows = refield.evaluate(session, {"brighter": Brighter()})
+    assert rows[0].kind == "natural" and rows[0].relative_rmse == pytest.approx(0.1, rel=1e-3)
 
 
 def test_evaluate(session, tmp_path):
