@@ -9,20 +9,28 @@
 #include <ImfOutputFile.h>
 #include <ImfRationalAttribute.h>
 #include <ImfStandardAttributes.h>
+#include <ImfStdIO.h>
 #include <ImfStringAttribute.h>
 #include <ImfThreading.h>
 #include <ImfTileDescription.h>
+#include <ImfVersion.h>
+#include <ImfXdr.h>
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 #include <thread>
 
+#include "core/base/errors.h"
 #include "core/image/image_file.h"
 #include "core/image/image_header.h"
 
 namespace refield {
 
 namespace {
+
+constexpr const char* deep_text = "is a deep image, which has no single colour per pixel; flatten it";
+constexpr std::size_t max_parts = 1024;
 
 /// OpenEXR's own threads, which compress and decompress blocks of rows, start with the first file.
 int exr_threads() {
@@ -78,8 +86,6 @@ class ExrFile final : public ImageFile {
           static_cast<std::int64_t>(header.tileDescription().xSize) * header.tileDescription().ySize;
     bool has_floats = false;
     for (auto channel = header.channels().begin(); channel != header.channels().end(); ++channel) {
-      if (channel.channel().xSampling != 1 || channel.channel().ySampling != 1)
-        throw std::runtime_error(std::string("subsampled channels are not supported: ") + channel.name());
       stored.channels.emplace_back(channel.name());
       has_floats |= channel.channel().type != Imf::UINT;
     }
@@ -176,6 +182,78 @@ void write_exr_channels(const std::filesystem::path& path, int width, int height
   Imf::OutputFile output(path.c_str(), header, exr_threads());
   output.setFrameBuffer(buffer);
   output.writePixels(height);
+}
+
+namespace {
+
+PromisedImage promised_by(const Imf::Header& header, const std::filesystem::path& path) {
+  if (header.hasType() && header.type().starts_with("deep")) throw FormatError(path, deep_text);
+  const auto& window = header.dataWindow();
+  const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1,
+                     height = std::int64_t{window.max.y} - window.min.y + 1;
+  PromisedImage promised{.width = width, .height = height};
+  for (auto channel = header.channels().begin(); channel != header.channels().end(); ++channel) {
+    ++promised.channels;
+    const auto& [type, x_sampling, y_sampling, is_linear] = channel.channel();
+    if (x_sampling != 1 || y_sampling != 1)
+      throw FormatError(path, "has sub-sampled channels (luminance and chroma); export it as RGB");
+    const std::string name = channel.name(), last = name.substr(name.rfind('.') + 1);
+    if (type == Imf::UINT && (last == "R" || last == "G" || last == "B" || last == "Y"))
+      throw FormatError(path,
+                        "stores '" + name + "' as whole numbers (uint), not as light; export half or float");
+  }
+  if (Imf::hasChromaticities(header)) {
+    const Imf::Chromaticities& stated = Imf::chromaticities(header);
+    promised.chromaticities.emplace();
+    std::ranges::transform(std::array{stated.red, stated.green, stated.blue, stated.white},
+                           promised.chromaticities->begin(),
+                           [](const auto& xy) { return Eigen::Vector2d(xy.x, xy.y); });
+  }
+  if (Imf::hasEnvmap(header)) promised.is_cube = Imf::envmap(header) == Imf::ENVMAP_CUBE;
+  if (width <= 0 || height <= 0) return promised;  // refused for that
+  std::int64_t columns = width;                    // of what is stored together
+  if (header.hasTileDescription()) {
+    columns = header.tileDescription().xSize;
+    promised.tile_pixels = columns * header.tileDescription().ySize;
+  }
+  const std::int64_t rows = rows_stored_together(header);
+  // Above this, products of two sizes might overflow.
+  constexpr std::int64_t largest = 1 << 24;
+  if (columns < 1 || rows < 1 || (header.hasTileDescription() && std::max(columns, rows) > largest))
+    throw FormatError(path, "has impossibly large tiles, or none; the file is damaged or truncated");
+  constexpr std::uint64_t least_chunk_bytes = 16;  // in a table, and row number and size
+  promised.least_bytes = static_cast<std::uint64_t>((width + columns - 1) / columns) *
+                         static_cast<std::uint64_t>((height + rows - 1) / rows) * least_chunk_bytes;
+  return promised;
+}
+
+}  // namespace
+
+std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path) {
+  try {
+    Imf::StdIFStream file(path.c_str());
+    int magic = 0, version = 0;
+    Imf::Xdr::read<Imf::StreamIO>(file, magic);
+    Imf::Xdr::read<Imf::StreamIO>(file, version);
+    if (Imf::getVersion(version) != Imf::EXR_VERSION)
+      throw FormatError(path, "is of an unknown version of OpenEXR; the file is damaged or truncated");
+    if (Imf::isNonImage(version)) throw FormatError(path, deep_text);
+    std::vector<PromisedImage> parts;
+    for (;;) {
+      Imf::Header header;
+      header.readFrom(file, version);
+      if (header.readsNothing()) return parts;
+      parts.push_back(promised_by(header, path));
+      if (!Imf::isMultiPart(version)) return parts;
+      if (parts.size() > max_parts)
+        throw FormatError(path, "has more than " + std::to_string(max_parts) + " parts; the file is damaged");
+    }
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw FormatError(
+        path, "has a damaged header (" + std::string(error.what()) + "); check that the file is complete");
+  }
 }
 
 std::unique_ptr<ImageFile> open_exr(const std::filesystem::path& path) {

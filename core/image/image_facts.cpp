@@ -6,15 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <fstream>
 #include <string_view>
-#include <utility>
-#include <vector>
 
-#include "core/base/errors.h"
 #include "core/image/image_header.h"
-#include "core/image/radiance_file.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
@@ -26,34 +20,6 @@ namespace {
 using namespace std::string_view_literals;
 
 constexpr std::uint64_t max_profile_bytes = 1 << 22;
-
-/// Numbers at any place of a file. What lies beyond its end reads as zero.
-class FileBytes {
- public:
-  explicit FileBytes(const fs::path& path) : file_(path, std::ios::binary), size_(fs::file_size(path)) {}
-
-  std::uint64_t size() const { return size_; }
-  std::string text(std::uint64_t at, std::uint64_t count) {
-    std::string bytes(at < size_ ? std::min(count, size_ - at) : 0, '\0');
-    file_.clear();
-    file_.seekg(static_cast<std::streamoff>(at));
-    file_.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-    return bytes;
-  }
-  std::uint64_t number(std::uint64_t at, int bytes, bool is_big_endian) {
-    const std::string stored = text(at, static_cast<std::uint64_t>(bytes));
-    std::uint64_t value = 0;
-    for (int i = 0; i < bytes; ++i) {
-      const auto place = static_cast<std::size_t>(is_big_endian ? i : bytes - 1 - i);
-      value = value << 8 | (place < stored.size() ? static_cast<unsigned char>(stored[place]) : 0u);
-    }
-    return value;
-  }
-
- private:
-  std::ifstream file_;
-  std::uint64_t size_;
-};
 
 Chromaticities chromaticities_of(const std::array<double, 8>& xy) {
   return {Eigen::Vector2d(xy[0], xy[1]), Eigen::Vector2d(xy[2], xy[3]), Eigen::Vector2d(xy[4], xy[5]),
@@ -239,9 +205,7 @@ void read_jpeg(FileBytes& file, ImageFacts& facts) {
       continue;
     }
     if (marker >> 8 != 0xff || marker == 0xffda || length < 2) break;
-    const bool is_frame =
-        marker >= 0xffc0 && marker <= 0xffcf && marker != 0xffc4 && marker != 0xffc8 && marker != 0xffcc;
-    if (is_frame && file.number(at + 9, 1, true) == 4) facts.refusal = cmyk_refusal;
+    if (is_jpeg_frame(marker) && file.number(at + 9, 1, true) == 4) facts.refusal = cmyk_refusal;
     if (marker == 0xfffe && file.text(at + 4, 9) == "CS=ITU601") facts.refusal = levels_refusal;  // FFmpeg
     if (marker == 0xffe1 && file.text(at + 4, 6) == "Exif\0\0"sv) read_tiff(file, at + 10, facts);
     if (marker == 0xffe2 && file.text(at + 4, 12) == "ICC_PROFILE\0"sv && length > 16)
@@ -314,8 +278,7 @@ ImageFacts read_image_facts(const fs::path& path) {
   ImageFacts facts;
   const auto format = image_format(path);
   if (format == ImageFormat::exr) {
-    ByteReader reader(path);
-    for (const PromisedImage& part : read_exr_headers(reader)) {
+    for (const PromisedImage& part : read_exr_headers(path)) {
       if (part.chromaticities) facts.chromaticities = part.chromaticities;
       if (part.is_cube) facts.is_cube = part.is_cube;
     }

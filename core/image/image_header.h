@@ -1,43 +1,51 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
 #include "core/image/colour.h"
+#include "core/image/image.h"
 
 namespace refield {
 
-/// Reads a file from front to back in small pieces. Running past the end throws FormatError, as fail() does.
-class ByteReader {
+/// Numbers and texts at any place of a file. What lies beyond its end reads as zero, or is missing.
+class FileBytes {
  public:
-  explicit ByteReader(const std::filesystem::path& path);
+  explicit FileBytes(const std::filesystem::path& path);
 
-  [[noreturn]] void fail(const std::string& what) const;
-  const std::filesystem::path& path() const { return path_; }
-  /// Bytes between here and the end.
-  std::uint64_t left();
-  void skip(std::int64_t bytes);
-  int byte();
-  std::uint64_t big_endian(int bytes);
-  std::uint64_t little_endian(int bytes);
-  std::int32_t little_endian_int32() { return static_cast<std::int32_t>(little_endian(4)); }
-  /// Up to the next zero byte, which is consumed. At most `longest` bytes, else fails.
-  std::string zero_terminated(std::size_t longest) { return until('\0', longest); }
-  /// How often two bytes follow one another from here to the end.
-  int count(std::string_view pair);
+  std::uint64_t size() const { return size_; }
+  std::string text(std::uint64_t at, std::uint64_t count);
+  std::uint64_t number(std::uint64_t at, int bytes, bool is_big_endian);
 
  private:
-  std::string until(char end, std::size_t longest);
-  std::filesystem::path path_;
   std::ifstream file_;
   std::uint64_t size_;
 };
+
+/// Header of a Radiance picture (.hdr, .pic).
+struct RadianceHeader {
+  int width = 0;                                    ///< of the upright picture
+  int height = 0;                                   ///< rows
+  int orientation = 1;                              ///< of the scan lines, as ImageFacts::orientation
+  bool is_xyz = false;                              ///< CIE XYZ instead of RGB
+  std::array<double, 3> divisor = {1.0, 1.0, 1.0};  ///< product of all EXPOSURE and COLORCORR lines
+  std::optional<Chromaticities> primaries;          ///< of RGB, where stated
+  std::size_t data = 0;                             ///< byte where the first scan line begins
+};
+
+/// Throws FormatError.
+RadianceHeader read_radiance_header(const std::filesystem::path& path);
+
+/// Reads a Radiance picture as linear RGB, upright and divided by its exposure: the radiance that was stored
+/// before programs changed its brightness. CIE XYZ becomes linear Rec.709. Scan lines may be flat or
+/// compressed in the new or the old way. Throws FormatError for a damaged or truncated file. Source: G. Ward,
+/// "Real Pixels", Graphics Gems II, 1991; Radiance file formats (filefmts.pdf), "Picture file format".
+Image read_radiance(const std::filesystem::path& path);
 
 /// What an image file is, identified by its first bytes, whatever its name.
 enum class ImageFormat { exr, hdr, png, jpeg, tiff, pfm };
@@ -64,13 +72,16 @@ std::optional<ImageFormat> image_format(const std::filesystem::path& path);
 /// hold: decoders reserve memory for what a header says.
 void require_plausible(const PromisedImage& promised, const std::filesystem::path& path);
 
-/// Reads an image's header without any decoder and checks it, so that a hostile file is refused before a
-/// decoder sees it. EXR (Technical Introduction to OpenEXR, "OpenEXR File Layout"), Radiance HDR, PNG and
-/// JPEG are looked into; others pass. Throws FormatError.
+/// Reads an image's header without decoding and checks it, so that a hostile file is refused before a
+/// decoder sees it. EXR, Radiance HDR, PNG and JPEG are looked into; others pass. Throws FormatError.
 void check_image_header(const std::filesystem::path& path, ImageFormat format);
 
-/// What the headers of an OpenEXR file promise, a part each. Throws FormatError for headers that are damaged
-/// and for deep images, which hold no single colour a pixel. Source: "OpenEXR File Layout", version 2.
-std::vector<PromisedImage> read_exr_headers(ByteReader& reader);
+/// What the headers of an OpenEXR file promise, a part each, read by its library without what follows them.
+/// Throws FormatError for headers that are damaged, and for images that hold no single colour a pixel: deep,
+/// sub-sampled, or of whole numbers.
+std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path);
+
+/// Whether a marker of a JPEG file begins a frame header, which states its size (ITU T.81, table B.1).
+bool is_jpeg_frame(std::uint64_t marker);
 
 }  // namespace refield

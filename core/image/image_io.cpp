@@ -17,17 +17,13 @@
 #include <set>
 #include <span>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/run_context.h"
 #include "core/image/image_facts.h"
 #include "core/image/image_file.h"
 #include "core/image/image_header.h"
-#include "core/image/radiance_file.h"
 #include "core/light/cube_map.h"
 
 namespace refield {
@@ -286,7 +282,6 @@ std::unique_ptr<ImageFile> open_image_file(const fs::path& path) {
 
 ImageHeader read_image_header(const fs::path& path) {
   if (is_radiance(path)) {
-    check_image_header(path, ImageFormat::hdr);
     const RadianceHeader header = read_radiance_header(path);
     return {header.width, header.height, false, header.height};
   }

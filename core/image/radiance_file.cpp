@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/image/radiance_file.h"
 
 #include <Eigen/LU>
 
@@ -11,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_facts.h"
 #include "core/image/image_header.h"
@@ -157,7 +155,9 @@ RadianceHeader read_radiance_header(const fs::path& path) {
   std::string bytes(longest, '\0');
   file.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   bytes.resize(static_cast<std::size_t>(file.gcount()));
-  return header_of(bytes, path);
+  RadianceHeader header = header_of(bytes, path);
+  require_plausible({header.width, header.height, 3}, path);
+  return header;
 }
 
 Image read_radiance(const fs::path& path) {

@@ -80,13 +80,14 @@ TEST_F(HostileImage, ExrWithImpossibleAttributes) {
   std::string bytes = small_exr();
   const auto size_at = bytes.find(chlist) + chlist.size();
   bytes.replace(size_at, 4, "\xff\xff\xff\x7f");
-  EXPECT_THAT(error_of(bytes), HasSubstr("'channels' of impossible size"));
-  bytes.replace(size_at, 4, std::string("\x02\0\0\0", 4));
-  EXPECT_THAT(error_of(bytes), HasSubstr("'channels' of the wrong size"));
+  EXPECT_EQ(error_of(bytes), "no error");  // the library knows how long attributes of its own kinds are
+  bytes.replace(bytes.find("channels"), 8, "chambers");  // of none of its kinds
+  bytes.replace(bytes.find("chlist"), 6, "chwist");
+  EXPECT_THAT(error_of(bytes), HasSubstr("damaged header"));
   bytes = small_exr();
   bytes[5] = 0x08;  // flag of deep images
   EXPECT_THAT(error_of(bytes), HasSubstr("deep"));
-  EXPECT_THAT(error_of(small_exr().substr(0, 20)), HasSubstr("ends within its header"));
+  EXPECT_THAT(error_of(small_exr().substr(0, 20)), HasSubstr("damaged header"));
 }
 
 TEST_F(HostileImage, PngBomb) {
