@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -63,7 +64,7 @@ class ConfigSection {
 
   template <class Value>
   void choice(const std::string& key, Value& value,
-              std::initializer_list<std::pair<const char*, Value>> choices) {
+              std::initializer_list<std::pair<std::string_view, Value>> choices) {
     std::string name, names;
     text(key, name);
     if (name.empty()) return;
@@ -76,21 +77,10 @@ class ConfigSection {
     }
     fail(key, "use one of " + names);
   }
-
   /// One of `values`, by its name_of().
-  template <class Value>
-  void enumerator(const std::string& key, Value& value, std::initializer_list<Value> values) {
-    std::string name, names;
-    text(key, name);
-    if (name.empty()) return;
-    for (const Value candidate : values) {
-      if (name == name_of(candidate)) {
-        value = candidate;
-        return;
-      }
-      names += (names.empty() ? "" : ", ") + std::string(name_of(candidate));
-    }
-    fail(key, "use one of " + names);
+  template <class Value, class... Values>
+  void enumerator(const std::string& key, Value& value, Values... values) {
+    choice<Value>(key, value, {{name_of(values), values}...});
   }
 
   /// Throws when the table holds a key that was not read.

@@ -8,7 +8,6 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
@@ -120,14 +119,6 @@ double relative_rmse(const Image& predicted, const Image& observed, const Mask& 
 
 Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
   return error_of(predicted, observed, mask).relative_rmse_map();
-}
-
-Image absolute_error(const Image& predicted, const Image& observed) {
-  require_same_shape(predicted, observed);
-  Image error(predicted.width, predicted.height, predicted.channels);
-  std::ranges::transform(predicted.values, observed.values, error.values.begin(),
-                         [](float p, float o) { return std::abs(p - o); });
-  return error;
 }
 
 double quantile(std::vector<float> values, double q) {

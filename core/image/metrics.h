@@ -48,9 +48,6 @@ double relative_rmse(const Image& predicted, const Image& observed, const Mask& 
 Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed,
                         const Mask& mask = {});
 
-/// |predicted − observed|, channel by channel.
-Image absolute_error(const Image& predicted, const Image& observed);
-
 /// The q-quantile, 0 ≤ q ≤ 1, by linear interpolation between order statistics. NaN for no values.
 double quantile(std::vector<float> values, double q);
 

@@ -11,7 +11,6 @@
 #include <limits>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/image/tone_vectors.h"
 
 namespace refield {
@@ -60,21 +59,8 @@ ToneOperator next(ToneOperator curve) {
 }
 
 std::string_view name_of(ToneOperator curve) {
-  switch (curve) {
-    case ToneOperator::clip:
-      return "clip";
-    case ToneOperator::reinhard:
-      return "reinhard";
-    case ToneOperator::filmic:
-      return "filmic";
-  }
-  throw InputError("unknown tone operator");
-}
-
-ToneOperator tone_operator_from_name(std::string_view name) {
-  for (const ToneOperator curve : tone_operators)
-    if (name == name_of(curve)) return curve;
-  throw InputError("unknown tone operator '" + std::string(name) + "'; use clip, reinhard or filmic");
+  constexpr std::array names = {"clip", "reinhard", "filmic"};
+  return names.at(static_cast<std::size_t>(curve));
 }
 
 float linear_from_srgb(float encoded) {

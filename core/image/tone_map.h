@@ -28,8 +28,6 @@ inline constexpr std::array<ToneOperator, 3> tone_operators = {ToneOperator::cli
 /// The one after it, and after the last the first.
 ToneOperator next(ToneOperator curve);
 std::string_view name_of(ToneOperator curve);
-/// Throws InputError for an unknown name.
-ToneOperator tone_operator_from_name(std::string_view name);
 
 /// Scene-linear radiance to a screen: × exposure, through the curve, sRGB-encoded, rounded to 8 bits.
 struct ToneMapping {

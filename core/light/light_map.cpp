@@ -2,24 +2,17 @@
 #include "core/light/light_map.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
-#include "core/base/errors.h"
 #include "core/light/cube_map.h"
 
 namespace refield {
 
 std::string_view v0_2::name_of(Parameterisation parameterisation) {
-  switch (parameterisation) {
-    case Parameterisation::monitor:
-      return "monitor";
-    case Parameterisation::lat_long:
-      return "lat_long";
-    case Parameterisation::cube:
-      return "cube";
-  }
-  throw InputError("unknown light map parameterisation");
+  constexpr std::array names = {"monitor", "lat_long", "cube"};
+  return names.at(static_cast<std::size_t>(parameterisation));
 }
 
 Parameterisation v0_2::parameterisation_from_name(std::string_view name) {

@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 
 #include <cstdint>
-#include <functional>
 #include <string_view>
 
 #include "core/image/image.h"

@@ -6,16 +6,15 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <optional>
 #include <set>
 #include <sstream>
 #include <utility>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 
@@ -91,8 +90,8 @@ void read_light_domain(ConfigSection light, CaptureSession& session) {
   for (const char* key : {"width", "height", "parameterisation"}) light.require(key);
   light.integer("width", session.light.width, 1, max_size);
   light.integer("height", session.light.height, 1, max_size);
-  light.enumerator("parameterisation", session.light.parameterisation,
-                   {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube});
+  light.enumerator("parameterisation", session.light.parameterisation, Parameterisation::monitor,
+                   Parameterisation::lat_long, Parameterisation::cube);
   for (ConfigSection& table : light.tables("monitor")) {
     table.require("width_mm");
     read_placement(table, session.monitors.emplace_back());
@@ -107,7 +106,7 @@ CaptureFrame read_frame(ConfigSection& entry, const CaptureSession& session) {
   for (const char* key : {"name", "role", "illumination", "observed"}) entry.require(key);
   CaptureFrame frame;
   entry.text("name", frame.name);
-  entry.enumerator("role", frame.role, {FrameRole::train, FrameRole::test, FrameRole::reference});
+  entry.enumerator("role", frame.role, FrameRole::train, FrameRole::test, FrameRole::reference);
   entry.text("kind", frame.kind, true);
   frame.illumination = existing_file(entry, "illumination", session.folder);
   frame.observed = existing_file(entry, "observed", session.folder);
@@ -166,15 +165,8 @@ void check_size(const fs::path& path, const ImageView* view, int& width, int& he
 }  // namespace
 
 std::string_view v0_2::name_of(FrameRole role) {
-  switch (role) {
-    case FrameRole::train:
-      return "train";
-    case FrameRole::test:
-      return "test";
-    case FrameRole::reference:
-      return "reference";
-  }
-  throw InputError("unknown frame role");
+  constexpr std::array names = {"train", "test", "reference"};
+  return names.at(static_cast<std::size_t>(role));
 }
 
 std::vector<CaptureFrame> CaptureSession::frames_of(FrameRole role) const {

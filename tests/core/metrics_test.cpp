@@ -91,11 +91,6 @@ TEST(SeriesError, LeavesOutSamplesThatWereNotMeasured) {
   EXPECT_NEAR(series.relative_rmse(), 0.5, rounding);
 }
 
-TEST(AbsoluteError, IsPerChannel) {
-  EXPECT_EQ(absolute_error(filled({1, 5}), filled({3, 4})).values, (std::vector<float>{2, 1}));
-  EXPECT_THROW(absolute_error(filled({1}), filled({1, 2})), InputError);
-}
-
 TEST(RankCorrelation, LooksAtOrderAlone) {
   const std::vector<float> rising = {1, 2, 3, 4}, cubes = {1, 8, 27, 64}, falling = {4, 3, 2, 1};
   EXPECT_NEAR(rank_correlation(rising, cubes), 1.0, 1e-12);
