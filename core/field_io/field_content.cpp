@@ -12,7 +12,6 @@
 #include <type_traits>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/light/cube_map.h"
 
@@ -440,6 +439,9 @@ void require_readable(const std::string& fault, const fs::path& destination) {
 
 void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
                       std::span<const ErrorEvidence> evidence) {
+  const auto write = [&](const char* name, const auto& values) {
+    if (!values.empty()) writer.dataset(name, values.data(), {values.size()});
+  };
   writer.dataset("statistics/training_error", quality.training_error.data(), {quality.training_error.size()});
   if (!evidence.empty()) {
     std::vector<float> numbers;
@@ -454,17 +456,10 @@ void write_statistics(const Hdf5Writer& writer, const FieldQuality& quality,
       points.insert(points.end(), {point.share, point.error});
     writer.dataset("statistics/learning_curve", points.data(), {quality.learning_curve.size(), 2});
   }
-  if (!quality.training_signal.empty())
-    writer.dataset("statistics/training_signal", quality.training_signal.data(),
-                   {quality.training_signal.size()});
-  if (!quality.light_class.empty())
-    writer.dataset(light_class_name, quality.light_class.data(), {quality.light_class.size()});
-  if (!quality.predicted_error.empty()) {
-    writer.dataset("statistics/predicted_error", quality.predicted_error.data(),
-                   {quality.predicted_error.size()});
-    writer.dataset("statistics/photograph_noise", quality.photograph_noise.data(),
-                   {quality.photograph_noise.size()});
-  }
+  write("statistics/training_signal", quality.training_signal);
+  write(light_class_name, quality.light_class);
+  write("statistics/predicted_error", quality.predicted_error);
+  write("statistics/photograph_noise", quality.photograph_noise);
 }
 
 std::uint64_t outline_bytes(const FieldOutline& field) {
@@ -579,13 +574,13 @@ void read_statistics(const Hdf5Values& values, FieldOutline& field) {
     for (std::size_t i = 0; i < points.size(); i += 2)
       quality.learning_curve.push_back({points[i], points[i + 1]});
   }
-  if (values.has("statistics/predicted_error"))
-    quality.predicted_error = values.dataset<float>("statistics/predicted_error", 1);
-  if (values.has("statistics/training_signal"))
-    quality.training_signal = values.dataset<float>("statistics/training_signal", 1);
-  if (values.has(light_class_name)) quality.light_class = values.dataset<std::uint32_t>(light_class_name, 1);
-  if (values.has("statistics/photograph_noise"))
-    quality.photograph_noise = values.dataset<float>("statistics/photograph_noise", 1);
+  const auto read = [&]<class Value>(const char* name, std::vector<Value>& numbers) {
+    if (values.has(name)) numbers = values.dataset<Value>(name, 1);
+  };
+  read("statistics/predicted_error", quality.predicted_error);
+  read("statistics/training_signal", quality.training_signal);
+  read(light_class_name, quality.light_class);
+  read("statistics/photograph_noise", quality.photograph_noise);
   require_sound(values, fault_of_statistics(field));
 }
 

@@ -10,7 +10,6 @@
 #include <string>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/field_io/field_content.h"
 
 namespace refield {

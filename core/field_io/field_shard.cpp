@@ -6,8 +6,6 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/field_io/reflectance_field_file.h"
 
 namespace refield {
@@ -83,18 +81,15 @@ class Joiner {
       row_start.push_back(before + part.transfer.row_start[p]);
     for (const std::uint32_t kernel : part.transfer.column)
       if (!part.basis.is_smooth(kernel)) number(part.basis.box(kernel));
-    std::vector<float>& errors = whole_.quality.training_error;
-    errors.insert(errors.end(), part.quality.training_error.begin(), part.quality.training_error.end());
-    std::vector<float>& signal = whole_.quality.training_signal;
-    signal.insert(signal.end(), part.quality.training_signal.begin(), part.quality.training_signal.end());
-    std::vector<std::uint32_t>& of_pixels = whole_.quality.light_class;
-    of_pixels.insert(of_pixels.end(), part.quality.light_class.begin(), part.quality.light_class.end());
-    error_evidence_.insert(error_evidence_.end(), shard.error_evidence.begin(), shard.error_evidence.end());
+    const auto join = [](auto& all, const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
+    join(whole_.quality.training_error, part.quality.training_error);
+    join(whole_.quality.training_signal, part.quality.training_signal);
+    join(whole_.quality.light_class, part.quality.light_class);
+    join(error_evidence_, shard.error_evidence);
     if (!holds_transfer()) return;
     const SparseTransfer rows = transfer_of(std::move(shard));
-    SparseTransfer& all = whole_.transfer;
-    all.column.insert(all.column.end(), rows.column.begin(), rows.column.end());
-    all.weight.insert(all.weight.end(), rows.weight.begin(), rows.weight.end());
+    join(whole_.transfer.column, rows.column);
+    join(whole_.transfer.weight, rows.weight);
   }
   /// The transfer of a part that append() took in, with the numbers of the whole.
   SparseTransfer transfer_of(FieldPart shard) const {

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/json.h"
+#include "core/field_io/hdf5_id.h"
 #include "core/field_io/hdf5_reader.h"
-
-#include <hdf5.h>
 
 #include <array>
 #include <cstring>
@@ -16,21 +15,6 @@ namespace refield {
 namespace {
 
 constexpr const char* crc_name = "crc32";
-
-/// Any HDF5 identifier.
-class Id {
- public:
-  explicit Id(hid_t id) : id_(id) {}
-  ~Id() {
-    if (id_ >= 0) H5Idec_ref(id_);
-  }
-  Id(const Id&) = delete;
-  Id& operator=(const Id&) = delete;
-  operator hid_t() const { return id_; }
-
- private:
-  hid_t id_;
-};
 
 /// Silences the library, and keeps it from searching for filters that a file names as shared libraries; the
 /// caller's settings come back at the end.
@@ -60,8 +44,8 @@ class QuietLibrary {
 /// nullopt unless the attribute is one integer.
 std::optional<std::int64_t> integer_of(hid_t attribute) {
   std::int64_t value = 0;
-  if (H5Tget_class(Id(H5Aget_type(attribute))) != H5T_INTEGER ||
-      H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute))) != 1 ||
+  if (H5Tget_class(Hdf5Id(H5Aget_type(attribute))) != H5T_INTEGER ||
+      H5Sget_simple_extent_npoints(Hdf5Id(H5Aget_space(attribute))) != 1 ||
       H5Aread(attribute, H5T_NATIVE_INT64, &value) < 0)
     return std::nullopt;
   return value;
@@ -69,8 +53,8 @@ std::optional<std::int64_t> integer_of(hid_t attribute) {
 
 /// nullopt unless the attribute is one text; of variable length as h5py writes `str`.
 std::optional<std::string> text_of(hid_t attribute, std::size_t longest) {
-  const Id type(H5Aget_type(attribute));
-  if (H5Tget_class(type) != H5T_STRING || H5Sget_simple_extent_npoints(Id(H5Aget_space(attribute))) != 1)
+  const Hdf5Id type(H5Aget_type(attribute));
+  if (H5Tget_class(type) != H5T_STRING || H5Sget_simple_extent_npoints(Hdf5Id(H5Aget_space(attribute))) != 1)
     return std::nullopt;
   if (H5Tis_variable_str(type) > 0) {
     char* text = nullptr;
@@ -90,7 +74,8 @@ void describe_attributes(hid_t file, std::size_t longest, Json& outline) {
   H5O_info_t info;
   if (H5Oget_info2(file, &info, H5O_INFO_NUM_ATTRS) < 0) return;
   for (hsize_t i = 0; i < info.num_attrs; ++i) {
-    const Id attribute(H5Aopen_by_idx(file, ".", H5_INDEX_NAME, H5_ITER_INC, i, H5P_DEFAULT, H5P_DEFAULT));
+    const Hdf5Id attribute(
+        H5Aopen_by_idx(file, ".", H5_INDEX_NAME, H5_ITER_INC, i, H5P_DEFAULT, H5P_DEFAULT));
     if (attribute < 0) return;
     std::array<char, 256> name{};
     H5Aget_name(attribute, name.size(), name.data());
@@ -127,23 +112,23 @@ void describe_data_set(hid_t file, const char* name, Json& outline) {
   if (path == Path::absent) return;
   const auto refuse = [&](const char* what) { outline["refused"][name] = what; };
   if (path == Path::elsewhere) return refuse("a link to another place or file");
-  const Id set(H5Dopen2(file, name, H5P_DEFAULT));
+  const Hdf5Id set(H5Dopen2(file, name, H5P_DEFAULT));
   if (set < 0) return;
-  const Id creation(H5Dget_create_plist(set));
+  const Hdf5Id creation(H5Dget_create_plist(set));
   if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0)
     return refuse("stored in another file");
   if (H5Pget_layout(creation) != H5D_CONTIGUOUS) return refuse("stored in chunks or compressed");
-  const Id space(H5Dget_space(set));
+  const Hdf5Id space(H5Dget_space(set));
   const int rank = H5Sget_simple_extent_ndims(space);
   std::array<hsize_t, 2> shape{};
   if (rank < 1 || rank > 2 || H5Sget_simple_extent_dims(space, shape.data(), nullptr) != rank) return;
   Json& described = outline["data_sets"][name];
-  described["type"] = type_name(Id(H5Dget_type(set)));
+  described["type"] = type_name(Hdf5Id(H5Dget_type(set)));
   described["shape"] = Json(std::vector<hsize_t>(shape.begin(), shape.begin() + rank));
   described["offset"] = H5Dget_offset(set);
   described["bytes"] = H5Dget_storage_size(set);
   if (H5Aexists(set, crc_name) > 0)
-    if (const auto crc = integer_of(Id(H5Aopen(set, crc_name, H5P_DEFAULT))))
+    if (const auto crc = integer_of(Hdf5Id(H5Aopen(set, crc_name, H5P_DEFAULT))))
       described["crc"] = static_cast<std::uint32_t>(*crc);
 }
 
@@ -152,9 +137,9 @@ void describe_data_set(hid_t file, const char* name, Json& outline) {
 std::string describe_hdf5(const std::vector<std::string>& arguments) {
   const std::string& path = arguments.at(0);
   const QuietLibrary quiet;
-  const Id access(H5Pcreate(H5P_FILE_ACCESS));
+  const Hdf5Id access(H5Pcreate(H5P_FILE_ACCESS));
   H5Pset_file_locking(access, false, true);  // network file systems may refuse flock(); OutputLock holds ours
-  const Id file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access));
+  const Hdf5Id file(H5Fopen(path.c_str(), H5F_ACC_RDONLY, access));
   if (file < 0) throw std::runtime_error("no HDF5 file");
   Json outline{{"numbers", Json::object()},
                {"texts", Json::object()},

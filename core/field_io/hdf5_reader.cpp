@@ -5,12 +5,10 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <fstream>
 #include <type_traits>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/isolated.h"
 #include "core/field_io/hdf5_writer.h"
 

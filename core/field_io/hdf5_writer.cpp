@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/hdf5_writer.h"
 
-#include <hdf5.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -12,27 +11,11 @@
 #include <vector>
 
 #include "core/base/errors.h"
+#include "core/field_io/hdf5_id.h"
 
 namespace refield {
 
 namespace {
-
-/// An HDF5 identifier, closed by its own kind of close.
-class Handle {
- public:
-  Handle(hid_t id, herr_t (*close_function)(hid_t)) : id_(id), close_(close_function) {}
-  ~Handle() {
-    if (id_ >= 0) close_(id_);
-  }
-  Handle(const Handle&) = delete;
-  Handle& operator=(const Handle&) = delete;
-  operator hid_t() const { return id_; }
-  bool valid() const { return id_ >= 0; }
-
- private:
-  hid_t id_;
-  herr_t (*close_)(hid_t);
-};
 
 /// In files, and in memory, too: values are written, and their checksums made, as they stand.
 template <class T>
@@ -58,10 +41,10 @@ hid_t type_of() {
 hid_t create(const std::filesystem::path& file) {
   H5Eset_auto2(H5E_DEFAULT, nullptr,
                nullptr);  // its error stack would be printed; ours go through exceptions
-  const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
+  const Hdf5Id access(H5Pcreate(H5P_FILE_ACCESS));
   H5Pset_libver_bounds(access, H5F_LIBVER_V18, H5F_LIBVER_V110);
   H5Pset_file_locking(access, false, true);  // network file systems may refuse flock(); OutputLock holds ours
-  const Handle timeless(H5Pcreate(H5P_FILE_CREATE), H5Pclose);
+  const Hdf5Id timeless(H5Pcreate(H5P_FILE_CREATE));
   H5Pset_obj_track_times(timeless, false);
   return H5Fcreate(file.c_str(), H5F_ACC_TRUNC, timeless, access);
 }
@@ -86,9 +69,9 @@ Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem:
 
 void Hdf5Writer::group(const char* name) const {
   // HDF5 keeps times of creation for groups by default.
-  const Handle timeless(H5Pcreate(H5P_GROUP_CREATE), H5Pclose);
+  const Hdf5Id timeless(H5Pcreate(H5P_GROUP_CREATE));
   H5Pset_obj_track_times(timeless, false);
-  check(Handle(H5Gcreate2(file_, name, H5P_DEFAULT, timeless, H5P_DEFAULT), H5Gclose).valid());
+  check(Hdf5Id(H5Gcreate2(file_, name, H5P_DEFAULT, timeless, H5P_DEFAULT)).valid());
 }
 
 Hdf5Writer::~Hdf5Writer() {
@@ -126,17 +109,16 @@ Hdf5DataSetWriter<T>::Hdf5DataSetWriter(const Hdf5Writer& writer, const char* na
       is_matrix_(shape.size() > 1),
       set_(-1) {
   const std::vector<hsize_t> extent(shape.begin(), shape.end());
-  const Handle space(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr), H5Sclose);
-  const Handle creation(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
+  const Hdf5Id space(H5Screate_simple(static_cast<int>(extent.size()), extent.data(), nullptr));
+  const Hdf5Id creation(H5Pcreate(H5P_DATASET_CREATE));
   H5Pset_obj_track_times(creation, false);
   set_ = H5Dcreate2(writer.file_, name, type_of<T>(), space, H5P_DEFAULT, creation, H5P_DEFAULT);
   writer_.check(set_ >= 0);
   // The library gives the whole data set its place at the first write.
   const std::vector<T> blank(columns_);
   if (rows_ * columns_ > 0) write(blank.data(), 1);
-  const Handle scalar(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle sum(H5Acreate2(set_, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT),
-                   H5Aclose);
+  const Hdf5Id scalar(H5Screate(H5S_SCALAR));
+  const Hdf5Id sum(H5Acreate2(set_, hdf5_crc_name, H5T_STD_U32LE, scalar, H5P_DEFAULT, H5P_DEFAULT));
   writer_.check(sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc_) >= 0);
 }
 
@@ -149,8 +131,8 @@ template <class T>
 void Hdf5DataSetWriter<T>::write(const T* values, std::uint64_t rows) const {
   const std::array<hsize_t, 2> first{done_, 0}, extent{rows, columns_};
   const int rank = is_matrix_ ? 2 : 1;
-  const Handle file_space(H5Dget_space(set_), H5Sclose);
-  const Handle memory_space(H5Screate_simple(rank, extent.data(), nullptr), H5Sclose);
+  const Hdf5Id file_space(H5Dget_space(set_));
+  const Hdf5Id memory_space(H5Screate_simple(rank, extent.data(), nullptr));
   writer_.check(
       H5Sselect_hyperslab(file_space, H5S_SELECT_SET, first.data(), nullptr, extent.data(), nullptr) >= 0 &&
       H5Dwrite(set_, type_of<T>(), memory_space, file_space, H5P_DEFAULT, values) >= 0);
@@ -167,7 +149,7 @@ void Hdf5DataSetWriter<T>::append(std::span<const T> values) {
 
 template <class T>
 void Hdf5DataSetWriter<T>::finish() {
-  const Handle sum(H5Aopen(set_, hdf5_crc_name, H5P_DEFAULT), H5Aclose);
+  const Hdf5Id sum(H5Aopen(set_, hdf5_crc_name, H5P_DEFAULT));
   writer_.check(done_ == rows_ && sum.valid() && H5Awrite(sum, H5T_NATIVE_UINT32, &crc_) >= 0);
   const herr_t status = H5Dclose(set_);
   set_ = -1;
@@ -175,18 +157,18 @@ void Hdf5DataSetWriter<T>::finish() {
 }
 
 void Hdf5Writer::text(const char* name, const std::string& value) const {
-  const Handle type(H5Tcopy(H5T_C_S1), H5Tclose);
+  const Hdf5Id type(H5Tcopy(H5T_C_S1));
   H5Tset_size(type, std::max<std::size_t>(value.size(), 1));
   H5Tset_strpad(type, H5T_STR_NULLPAD);
   H5Tset_cset(type, H5T_CSET_UTF8);
-  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle attribute(H5Acreate2(file_, name, type, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const Hdf5Id space(H5Screate(H5S_SCALAR));
+  const Hdf5Id attribute(H5Acreate2(file_, name, type, space, H5P_DEFAULT, H5P_DEFAULT));
   check(attribute.valid() && H5Awrite(attribute, type, value.c_str()) >= 0);
 }
 
 void Hdf5Writer::number(const char* name, std::int32_t value) const {
-  const Handle space(H5Screate(H5S_SCALAR), H5Sclose);
-  const Handle attribute(H5Acreate2(file_, name, H5T_STD_I32LE, space, H5P_DEFAULT, H5P_DEFAULT), H5Aclose);
+  const Hdf5Id space(H5Screate(H5S_SCALAR));
+  const Hdf5Id attribute(H5Acreate2(file_, name, H5T_STD_I32LE, space, H5P_DEFAULT, H5P_DEFAULT));
   check(attribute.valid() && H5Awrite(attribute, H5T_NATIVE_INT32, &value) >= 0);
 }
 

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/reflectance_field_file.h"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
 #include <span>
 #include <string>
-#include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/field_io/field_content.h"
 #include "core/field_io/field_shard.h"
