@@ -11,8 +11,6 @@
 #include <csignal>
 #include <mutex>
 
-#include "core/base/errors.h"
-
 extern char** environ;
 
 namespace refield {

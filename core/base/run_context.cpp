@@ -5,8 +5,6 @@
 
 #include <algorithm>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {

@@ -6,8 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/image/image_io.h"
 
 namespace refield {

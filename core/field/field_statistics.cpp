@@ -7,8 +7,6 @@
 #include <numeric>
 #include <string>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {

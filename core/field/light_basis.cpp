@@ -12,7 +12,6 @@
 #include <tuple>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/light/cube_map.h"
 #include "core/light/summed_area_table.h"
 

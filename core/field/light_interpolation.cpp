@@ -7,12 +7,10 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <numbers>
 #include <span>
 #include <string>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "core/field/light_covariance.h"
 

@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/field/light_error.h"
 
 namespace refield {

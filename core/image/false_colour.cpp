@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {

@@ -5,8 +5,6 @@
 #include <cmath>
 #include <vector>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 Image copied_rows(const ImageView& view, int first, int last) {

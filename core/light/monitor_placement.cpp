@@ -9,7 +9,6 @@
 #include <string_view>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "core/light/light_map.h"
 
