@@ -12,14 +12,11 @@
 #include <limits>
 #include <memory>
 #include <numbers>
-#include <numeric>
 #include <string>
 #include <unordered_map>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/json.h"
-#include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/light/cube_map.h"
 
@@ -145,12 +142,6 @@ class LightClusters {
     return lights;
   }
 
-  /// ‖T_C − T_l‖ that the clustering error threshold allows.
-  double limit(const CubeSquare& square) const {
-    if (options_.similarity == Similarity::all_outputs) return options_.epsilon * outputs_;  // eq. 11
-    return options_.epsilon * std::sqrt(outputs_) / cube_solid_angle(square.box, options_.resolution);
-  }
-
   /// Traces the lights that are not known yet. If all samples are similar, makes the square a cluster, whose
   /// vector is their mean (eq. 10), and returns true.
   bool make_cluster(Domain& domain, const RunContext& run) {
@@ -189,7 +180,7 @@ class LightClusters {
           }
     });
     for (const std::uint64_t count : rays) statistics_.rays += count;
-    const double max_distance = limit(domain.square);
+    const double max_distance = options_.epsilon * outputs_;  // of ‖T_C − T_l‖, eq. 11
     for (std::size_t i = 0; i < lights.size() * channels; ++i) {
       double sum = 0.0;
       for (std::size_t g = 0; g < groups; ++g) sum += distance[g * lights.size() * channels + i];
@@ -631,7 +622,7 @@ void count(const Clusters& clusters, ClusterStatistics& statistics) {
 
 std::string provenance_of(const ClusterOptions& options, const ClusterStatistics& statistics) {
   Json provenance = {{"relighting", options.relighting == Relighting::image ? "image" : "geometry"},
-                     {"similarity", name_of(options.similarity)},
+                     {"similarity", options.similarity == Similarity::group ? "group" : "all_outputs"},
                      {"resolution", options.resolution},
                      {"samples", options.samples},
                      {"epsilon", options.epsilon},
@@ -654,18 +645,6 @@ OutputMesh coloured(const Scene& scene) {
 }
 
 }  // namespace
-
-std::string_view name_of(Similarity similarity) {
-  switch (similarity) {
-    case Similarity::all_outputs:
-      return "all_outputs";
-    case Similarity::all_by_solid_angle:
-      return "all_by_solid_angle";
-    case Similarity::group:
-      return "group";
-  }
-  throw InputError("unknown similarity");
-}
 
 FieldRows cluster_transfer(const Scene& scene, const ClusterOptions& options, ClusterStatistics& statistics,
                            const RunContext& run) {

@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <string_view>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -69,13 +68,8 @@ std::array<Eigen::Vector3d, 3> corner_functions(const Box& square, int resolutio
 
 /// Which outputs decide together how light is clustered.
 ///  - all_outputs: one clustering for all, by the norm over all outputs (Johan and Nishita, eq. 11).
-///  - all_by_solid_angle: the same norm, times the light that a square can bring: a square that is large is
-///  cut
-///    for less than a small one.
 ///  - group: each group of 16 neighbours has its own cut through the same quadtrees.
-enum class Similarity { all_outputs, all_by_solid_angle, group };
-
-std::string_view name_of(Similarity similarity);
+enum class Similarity { all_outputs, group };
 
 struct ClusterOptions {
   Relighting relighting = Relighting::geometry;
@@ -84,7 +78,6 @@ struct ClusterOptions {
   int samples = 3;        ///< s: lights tried along a square's side, 2 to 16
   /// Clustering error threshold.
   ///  - all_outputs: ε of eq. 11, ‖T_C − T_l‖ ∕ N < ε for all samples l (and, of an image, each channel).
-  ///  - all_by_solid_angle: Ω ‖T_C − T_l‖ ∕ √N < ε for a square of solid angle Ω.
   ///  - group: a square of solid angle Ω is cut while Ω · σ > ε for an output (and channel) of the group,
   ///    σ² being the mean squared difference between T and its fit over the square's samples: what the output
   ///    changes by, of what white would give under white light, when the square's light is as strong but

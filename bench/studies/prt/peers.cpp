@@ -23,7 +23,6 @@ namespace refield::prt_chart {
 
 namespace {
 
-constexpr double solid_angle_epsilons[] = {2e-4, 6e-5, 2e-5};
 constexpr double group_epsilons[] = {4e-3, 1e-3, 4e-4, 2e-4, 1e-4};
 /// As in the paper's figure 9, whose scene has 73 196 vertices, and one more; they are set right for others.
 constexpr double paper_epsilons[] = {2.5e-4, 1e-4, 7e-5, 5e-5};
@@ -80,9 +79,7 @@ void show(PackedField packed, const ChartScene& chart, const std::vector<ChartLi
 
 Peer clusters(const ChartScene& chart, const std::vector<ChartLight>& lights, int resolution,
               prt::Similarity similarity, double epsilon) {
-  Peer peer{.method = similarity == prt::Similarity::group                ? "clusters"
-                      : similarity == prt::Similarity::all_by_solid_angle ? "clusters for all, by solid angle"
-                                                                          : "clusters of the paper",
+  Peer peer{.method = similarity == prt::Similarity::group ? "clusters" : "clusters of the paper",
             .setting = "ε " + text_of("%g", epsilon)};
   prt::ClusterOptions options;
   options.resolution = resolution;
@@ -151,8 +148,6 @@ std::vector<Peer> all_peers(const ChartScene& chart, const std::vector<ChartLigh
   std::vector<Peer> peers;
   for (const double epsilon : group_epsilons)
     peers.push_back(clusters(chart, lights, resolution, prt::Similarity::group, epsilon));
-  for (const double epsilon : solid_angle_epsilons)
-    peers.push_back(clusters(chart, lights, resolution, prt::Similarity::all_by_solid_angle, epsilon));
   // ‖T_C − T_l‖ ∕ N falls with √N where vertices become more and their light stays alike.
   const double finer = std::sqrt(paper_vertices / static_cast<double>(chart.scene.mesh.positions.size()));
   for (const double epsilon : paper_epsilons)
