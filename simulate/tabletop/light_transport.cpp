@@ -8,7 +8,6 @@
 #include <numbers>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "simulate/tabletop/surface.h"
 
@@ -163,31 +162,10 @@ class SpreadPoints {
 
 }  // namespace
 
-// What the monitor's integrand f · cos θ · cos θ' / r² · visibility was found to be at a lattice point, if
-// this sample has looked there already.
-struct LatticeValue {
-  std::uint32_t stamp = 0;
-  Rgb value = Rgb::Zero();
-};
-
-struct TraceScratch::Memory {
-  std::vector<LatticeValue> lattice;  // points at half texels, [2·height + 1 × 2·width + 1]
-  std::uint32_t stamp = 0;
-  TransportRow row;
-  std::uint64_t rays = 0;
-
-  explicit Memory(const LightHierarchy& hierarchy)
-      : lattice((2 * static_cast<std::size_t>(hierarchy.domain().width) + 1) *
-                (2 * static_cast<std::size_t>(hierarchy.domain().height) + 1)),
-        row(hierarchy) {}
-};
-
-TraceScratch::TraceScratch(const LightHierarchy& hierarchy) : memory_(std::make_unique<Memory>(hierarchy)) {}
-TraceScratch::~TraceScratch() = default;
-TraceScratch::TraceScratch(TraceScratch&&) noexcept = default;
-std::uint64_t TraceScratch::rays() const {
-  return memory_->rays;
-}
+TraceScratch::TraceScratch(const LightHierarchy& hierarchy)
+    : lattice((2 * static_cast<std::size_t>(hierarchy.domain().width) + 1) *
+              (2 * static_cast<std::size_t>(hierarchy.domain().height) + 1)),
+      row(hierarchy) {}
 
 TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
   TraceOptions options;
@@ -220,13 +198,11 @@ TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
 
 namespace {
 
-using TraceMemory = TraceScratch::Memory;
-
 /// Light that falls straight from the monitor on a surface, into the boxes of a pixel's row.
 class MonitorLight {
  public:
   MonitorLight(const TabletopScene& scene, const LightHierarchy& hierarchy, const TraceOptions& options,
-               TraceMemory& memory)
+               TraceScratch& memory)
       : scene_(scene), monitor_(scene.monitor()), hierarchy_(hierarchy), options_(options), memory_(memory) {}
 
   /// By all boxes, divided where the integrand varies. `share`: how much of the pixel the surface makes up.
@@ -288,7 +264,8 @@ class MonitorLight {
   // part of a half texel: so their mean over samples has no grid.
   const Rgb& lattice_value(const Surface& surface, int column, int row) {
     const LightDomain& domain = hierarchy_.domain();
-    LatticeValue& known = memory_.lattice[static_cast<std::size_t>(row) * (2 * domain.width + 1) + column];
+    TraceScratch::LatticeValue& known =
+        memory_.lattice[static_cast<std::size_t>(row) * (2 * domain.width + 1) + column];
     if (known.stamp != memory_.stamp) {
       known.stamp = memory_.stamp;
       const auto position = [](int half_texels, float shift, int count) {
@@ -342,7 +319,7 @@ class MonitorLight {
   const MonitorSurface& monitor_;
   const LightHierarchy& hierarchy_;
   const TraceOptions& options_;
-  TraceMemory& memory_;
+  TraceScratch& memory_;
   float shift_x_ = 0.0f, shift_y_ = 0.0f;
 };
 
@@ -376,7 +353,7 @@ SpecularRays specular_rays(const MaterialDescription& material, const Hit& hit, 
 class PixelTracer {
  public:
   PixelTracer(const TabletopScene& scene, const LightHierarchy& hierarchy, const TraceOptions& options, int x,
-              int y, TraceMemory& memory)
+              int y, TraceScratch& memory)
       : scene_(scene),
         monitor_(scene.monitor()),
         hierarchy_(hierarchy),
@@ -572,7 +549,7 @@ class PixelTracer {
   const MonitorSurface& monitor_;
   const LightHierarchy& hierarchy_;
   const TraceOptions& options_;
-  TraceMemory& memory_;
+  TraceScratch& memory_;
   MonitorLight direct_;
   Rng rng_;
   int x_, y_;
@@ -589,7 +566,7 @@ class PixelTracer {
 
 PixelTransport trace_pixel(const TabletopScene& scene, const LightHierarchy& hierarchy,
                            const TraceOptions& options, int x, int y, TraceScratch& scratch) {
-  return PixelTracer(scene, hierarchy, options, x, y, scratch.memory()).trace();
+  return PixelTracer(scene, hierarchy, options, x, y, scratch).trace();
 }
 
 }  // namespace refield

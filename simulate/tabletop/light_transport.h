@@ -2,7 +2,6 @@
 #pragma once
 #include <Eigen/Core>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "core/light/light_map.h"
@@ -135,19 +134,19 @@ struct PixelTransport {
 };
 
 /// Scratch memory of one thread.
-class TraceScratch {
- public:
+struct TraceScratch {
   explicit TraceScratch(const LightHierarchy& hierarchy);
-  ~TraceScratch();
-  TraceScratch(TraceScratch&&) noexcept;
 
-  std::uint64_t rays() const;  ///< traced so far
-
-  struct Memory;  ///< of light_transport.cpp
-  Memory& memory() { return *memory_; }
-
- private:
-  std::unique_ptr<Memory> memory_;
+  /// What the monitor's integrand f · cos θ · cos θ' / r² · visibility was found to be at a lattice point, if
+  /// this sample has looked there already.
+  struct LatticeValue {
+    std::uint32_t stamp = 0;
+    Rgb value = Rgb::Zero();
+  };
+  std::vector<LatticeValue> lattice;  ///< points at half texels, [2·height + 1 × 2·width + 1]
+  std::uint32_t stamp = 0;
+  TransportRow row;
+  std::uint64_t rays = 0;  ///< traced so far
 };
 
 /// Traces one camera pixel: from the camera backwards until every path has met the monitor or is lost. The

@@ -6,12 +6,9 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/rng.h"
-#include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "simulate/rig/light_maps.h"
@@ -82,7 +79,7 @@ std::uint64_t trace_rows(const TabletopScene& scene, const LightHierarchy& hiera
     take(first, pixels);
   }
   std::uint64_t rays = 0;
-  for (const TraceScratch& mine : scratch) rays += mine.rays();
+  for (const TraceScratch& mine : scratch) rays += mine.rays;
   return rays;
 }
 
