@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <string>
 
 #include "core/base/errors.h"
 
@@ -39,10 +38,6 @@ Eigen::Array3f ggx(const Eigen::Array3f& specular, float roughness, const Eigen:
   return (specular + (1.0f - specular) * grazing) * (distribution * shadowing_by_cosines);
 }
 
-void require(bool good, const char* name, const std::string& value, const char* remedy) {
-  if (!good) throw InputError(std::string("BRDF: ") + name + " " + value + ": " + remedy);
-}
-
 }  // namespace
 
 Eigen::Array3f Brdf::operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const {
@@ -57,22 +52,6 @@ Eigen::Array3f Brdf::operator()(const Eigen::Vector3f& in, const Eigen::Vector3f
       return matte + ggx(specular, roughness, in, out);
   }
   return matte;
-}
-
-void Brdf::check() const {
-  const auto check_colour = [](const char* name, const Eigen::Array3f& colour) {
-    for (int c = 0; c < 3; ++c)
-      require(colour[c] >= 0.0f && std::isfinite(colour[c]), name, std::to_string(colour[c]),
-              "give a finite number that is not negative");
-  };
-  check_colour("diffuse", diffuse);
-  check_colour("specular", specular);
-  if (lobe == Lobe::phong)
-    require(exponent >= 0.0f && exponent <= 1e5f, "exponent", std::to_string(exponent),
-            "give a number from 0 to 100000");
-  if (lobe == Lobe::ggx)
-    require(roughness >= 0.01f && roughness <= 1.0f, "roughness", std::to_string(roughness),
-            "give a number from 0.01 to 1");
 }
 
 }  // namespace refield::dynamic

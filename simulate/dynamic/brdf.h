@@ -36,13 +36,10 @@ struct Brdf {
   Eigen::Array3f diffuse = {0.8f, 0.8f, 0.8f};  ///< reflectance, added as diffuse/π
   Eigen::Array3f specular = {0.0f, 0.0f, 0.0f};
   Lobe lobe = Lobe::none;
-  float exponent = 0.0f;
-  float roughness = 1.0f;
+  float exponent = 0.0f;   ///< 0 to 1e5
+  float roughness = 1.0f;  ///< 0.01 to 1
 
   Eigen::Array3f operator()(const Eigen::Vector3f& in, const Eigen::Vector3f& out) const;
-  /// Throws InputError for reflectances that are negative or not finite, an exponent outside [0, 1e5], a
-  /// roughness outside [0.01, 1].
-  void check() const;
 };
 
 }  // namespace refield::dynamic

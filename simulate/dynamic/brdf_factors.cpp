@@ -8,11 +8,8 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
-#include "core/base/run_context.h"
 
 namespace refield::dynamic {
 
@@ -219,18 +216,7 @@ RadialTerm functions_of(const FourierOrders& orders, const Candidate& candidate)
 
 }  // namespace
 
-void FactorOptions::check() const {
-  if (largest < 0 || largest > max_terms)
-    throw InputError("number of BRDF terms " + std::to_string(largest) + ": give one from 1 to " +
-                     std::to_string(max_terms) + ", or 0 for as many as the error bound requires");
-  if (!(error >= 0.0 && error < 1.0))
-    throw InputError("error of the BRDF's terms " + std::to_string(error) +
-                     ": give a share from 0 to less than 1");
-}
-
 BrdfFactors factor(const Brdf& brdf, const FactorOptions& options, const RunContext& run) {
-  brdf.check();
-  options.check();
   const FourierOrders orders = fourier_orders(brdf, run);
   const Selection selection = select(all_candidates(orders, run), orders.energy, options);
   std::vector<RadialTerm> radial(selection.chosen.size());

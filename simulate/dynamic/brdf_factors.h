@@ -19,8 +19,6 @@ struct FactorOptions {
   int largest = 0;      ///< number of terms K at most; 0: as many as `error` takes, up to max_terms
   double error = 0.02;  ///< relative, asked for; the fewest terms that meet it are kept
 
-  /// Throws InputError for numbers out of range.
-  void check() const;
   bool operator==(const FactorOptions&) const = default;
 };
 
@@ -69,8 +67,7 @@ class BrdfFactors {
 /// sampled f, one small decomposition for each Fourier order of the azimuth between the directions: an
 /// isotropic f does not mix them. Where a pair of terms no longer fits under `largest`, single terms behind
 /// it may still. A diffuse surface takes one term. Samples are as fine as the lobe asks for. Of a second or
-/// less up to an exponent of 1000; of some seconds for the sharpest lobes. Throws InputError as the options'
-/// and the BRDF's check() do, Interrupted.
+/// less up to an exponent of 1000; of some seconds for the sharpest lobes. Throws Interrupted.
 BrdfFactors factor(const Brdf& brdf, const FactorOptions& options, const RunContext& run = {});
 
 /// Largest Fourier order m of the azimuth that is looked at: with as many terms as FactorOptions allows, the

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 
-#include "core/base/errors.h"
 #include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {

@@ -10,9 +10,7 @@
 #include <numbers>
 #include <span>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
-#include "core/base/run_context.h"
 #include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/prt/transfer_samples.h"
@@ -354,17 +352,6 @@ void trace_vertices(const Mesh& mesh, const prt::MeshRays& rays, const Transport
 
 }  // namespace
 
-void TransportOptions::check() const {
-  const auto require = [](bool good, const char* what) {
-    if (!good) throw InputError(what);
-  };
-  require(order >= 2 && order <= 8, "order of harmonics: give 2 to 8");
-  require(functions >= 1 && functions <= 256, "functions: give 1 to 256");
-  require(rings >= 1 && rings <= 64 && shells >= 2 && shells <= 64, "rings: give 1 to 64; shells: 2 to 64");
-  require(directions >= 16 && directions <= 1 << 20, "directions: give 16 to 1048576");
-  factors.check();
-}
-
 std::size_t ObjectTransport::bytes() const {
   const auto floats = static_cast<std::size_t>(modes.to_weights.size() + coverage.size() + receiving.size());
   return leaving.bytes() + returning.bytes() + floats * sizeof(float) + outside.size() / 8;
@@ -377,7 +364,6 @@ ShellGrid shell_grid_of(const TransportOptions& options, float radius) {
 ObjectTransport object_transport(const MovingObject& object, const prt::MeshRays& rays,
                                  const TransportOptions& options, const RunContext& run) {
   const ThreadLimit limit(run);
-  options.check();
   ObjectTransport transport;
   transport.order = options.order;
   transport.factors = factor(object.brdf, options.factors, run);

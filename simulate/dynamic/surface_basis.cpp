@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/surface_basis.h"
+#include "simulate/dynamic/object_transport.h"
 
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
-#include "core/base/run_context.h"
 #include "simulate/dynamic/brdf.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/prt/transfer_samples.h"
@@ -151,10 +148,6 @@ Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& functions, const Eigen::Vecto
 }  // namespace
 
 SurfaceBasis surface_basis(const Eigen::MatrixXf& functions, const Eigen::VectorXf& areas) {
-  if (functions.cols() < 1 || functions.rows() != areas.size())
-    throw InputError("surface basis: " + std::to_string(functions.cols()) + " functions over " +
-                     std::to_string(functions.rows()) + " vertices with " + std::to_string(areas.size()) +
-                     " areas: give at least one function, and an area for each vertex");
   SurfaceBasis basis;
   basis.functions = orthonormal(functions.cast<double>(), areas.cast<double>()).cast<float>();
   basis.to_weights = basis.functions.transpose() * areas.asDiagonal();
@@ -215,22 +208,10 @@ Eigen::MatrixXf principal_components(const Eigen::MatrixXf& patterns, const Eige
   return patterns * mix;
 }
 
-void check(int functions, const PrincipalOptions& options) {
-  const auto require = [](bool good, const std::string& what) {
-    if (!good) throw InputError("principal basis: " + what);
-  };
-  require(functions >= 1, std::to_string(functions) + " functions: give at least 1");
-  require(options.lights >= 1, std::to_string(options.lights) + " lights: give at least 1");
-  require(!options.distances.empty(), "no distances: give at least one");
-  for (const float distance : options.distances)
-    require(distance > 1.0f, "distance " + std::to_string(distance) + ": give more than 1, in radii");
-}
-
 }  // namespace
 
 SurfaceBasis principal_basis(const Mesh& mesh, const prt::MeshRays& rays, const BrdfFactors& factors,
                              int functions, const PrincipalOptions& options, const RunContext& run) {
-  check(functions, options);
   if (factors.terms() == 0) throw InputError("principal basis: the surface is black; it needs none");
   const auto lights = point_lights(mesh, options.lights, options.distances);
   const Eigen::MatrixXf patterns =

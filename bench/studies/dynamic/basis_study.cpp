@@ -11,7 +11,7 @@
 #include "core/base/rng.h"
 #include "core/image/metrics.h"
 #include "simulate/dynamic/dynamic_scene.h"
-#include "simulate/dynamic/surface_basis.h"
+#include "simulate/dynamic/object_transport.h"
 #include "simulate/prt/transfer_samples.h"
 
 namespace refield::dynamic_chart {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/field/mesh.h"
-#include "simulate/dynamic/surface_basis.h"
+#include "simulate/dynamic/object_transport.h"
 
 namespace refield::dynamic_chart {
 

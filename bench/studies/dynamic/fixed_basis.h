@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "bench/studies/dynamic/parameterisation.h"
-#include "simulate/dynamic/surface_basis.h"
+#include "simulate/dynamic/object_transport.h"
 #include "simulate/geometry/mesh_file.h"
 
 namespace refield::dynamic {

@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "bench/studies/dynamic/spherical_parameterisation.h"
-#include "simulate/dynamic/surface_basis.h"
+#include "simulate/dynamic/object_transport.h"
 
 namespace refield::dynamic {
 

@@ -148,12 +148,5 @@ TEST(BrdfFactors, OfExtremeLobesAreFiniteAndTruthful) {
   }
 }
 
-TEST(BrdfFactors, RefuseOptionsOutOfRange) {
-  EXPECT_THROW(factor({}, {.largest = -1}), InputError);
-  EXPECT_THROW(factor({}, {.largest = 257}), InputError);
-  EXPECT_THROW(factor({}, {.error = 1.0}), InputError);
-  EXPECT_THROW(factor({}, {.error = NAN}), InputError);
-}
-
 }  // namespace
 }  // namespace refield::dynamic

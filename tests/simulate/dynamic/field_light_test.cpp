@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Shadows from area lights by occlusion fields: against closed forms, against rays, and where they fail.
-#include "simulate/dynamic/field_light.h"
+#include "simulate/dynamic/dynamic_light.h"
 
 #include <gtest/gtest.h>
 
