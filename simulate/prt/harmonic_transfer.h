@@ -3,8 +3,6 @@
 
 #include <Eigen/Core>
 
-#include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -53,6 +51,11 @@ struct HarmonicTransfer {
   /// [columns] of one output and channel; grey transfers answer every channel with the same.
   std::span<const float> row(std::size_t vertex, int output, int channel) const;
 };
+
+/// Band factors λ_l, l < order, of Material's lobe (n + 2)/2π · tⁿ over t > 0: what it leaves of band l when
+/// it averages light around a direction, 2π ∫ lobe(t) P_l(t) dt (Funk and Hecke). In closed form:
+/// λ_0 = (n + 2)/(n + 1), λ_1 = 1, λ_l = λ_(l−2) (n − l + 2)/(n + l + 1).
+std::vector<double> lobe_factors(double exponent, int order);
 
 /// Middle of the box around a mesh: where the sphere of lights and cube maps of area lights have theirs.
 Eigen::Vector3f middle(const Mesh& mesh);

@@ -9,7 +9,6 @@
 
 #include "core/base/errors.h"
 #include "core/light/monitor_placement.h"
-#include "simulate/prt/harmonic_passes.h"
 #include "tests/simulate/prt/path_comparison.h"
 #include "tests/simulate/prt/small_scenes.h"
 #include "tests/support/message_of.h"
