@@ -9,8 +9,6 @@
 #include <limits>
 #include <numeric>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/image/tone_map.h"
 #include "simulate/geometry/place_mesh.h"
 

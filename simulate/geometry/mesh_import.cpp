@@ -9,7 +9,6 @@
 #include <string>
 #include <string_view>
 
-#include "core/base/errors.h"
 #include "core/base/isolated.h"
 #include "simulate/geometry/mesh_formats.h"
 

@@ -20,8 +20,6 @@
 #include <set>
 #include <span>
 #include <sstream>
-#include <stdexcept>
-#include <string_view>
 #include <utility>
 
 #include "core/base/json.h"

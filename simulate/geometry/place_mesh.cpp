@@ -9,8 +9,6 @@
 #include <unordered_map>
 #include <utility>
 
-#include "core/base/errors.h"
-
 namespace refield::prt {
 
 Eigen::AlignedBox3f bounds_of(const Mesh& mesh) {

@@ -5,7 +5,6 @@
 #include <array>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_shapes.h"
 

@@ -13,7 +13,6 @@
 #include <utility>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/field/transfer_tiles.h"
 #include "simulate/geometry/place_mesh.h"
 #include "simulate/geometry/scene_description.h"

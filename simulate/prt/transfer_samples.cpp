@@ -10,8 +10,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/field/transfer_tiles.h"
 #include "core/light/cube_map.h"
 

@@ -8,7 +8,6 @@
 #include <numbers>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "simulate/tabletop/surface.h"
 

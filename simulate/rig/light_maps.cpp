@@ -11,7 +11,6 @@
 #include <optional>
 
 #include "core/base/rng.h"
-#include "core/base/run_context.h"
 #include "core/image/metrics.h"
 
 namespace refield {

@@ -11,7 +11,6 @@
 #include <optional>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/rng.h"
 
 namespace refield {

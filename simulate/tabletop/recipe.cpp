@@ -5,11 +5,8 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <set>
 
 #include "core/base/config_file.h"
-#include "core/base/errors.h"
 #include "core/base/files.h"
 
 namespace refield {

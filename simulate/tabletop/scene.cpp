@@ -8,7 +8,6 @@
 #include <cmath>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "simulate/geometry/place_mesh.h"
 
