@@ -14,7 +14,7 @@
 #include "relight/environment/environment.h"
 #include "relight/environment/sky.h"
 #include "relight/mesh/mesh_view.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 #include "simulate/prt/area_lights.h"
 #include "simulate/prt/harmonic_transfer.h"
 

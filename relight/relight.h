@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
+#include "refield/relight.h"
 #include "relight/field_pictures.h"
 
 namespace refield {
@@ -19,7 +22,7 @@ namespace refield {
 using LightFunction = std::function<SceneLight()>;
 
 /// One image to be made: a light and the file that the relit scene goes to. The file's extension chooses the
-/// format: .exr (scene-linear, float), .png (sRGB, 8 bits) or, of a mesh, .glb: write_baked_mesh().
+/// format: .exr (scene-linear, float), .png (sRGB, 8 bits) or, of a mesh, .glb (light as vertex colours).
 struct RelightJob {
   LightFunction light;
   std::filesystem::path output;
@@ -47,6 +50,49 @@ struct ExposureReport {
 /// that does not fit the field or makes pixels that are not finite, Interrupted between images.
 ExposureReport relight_to_files(const FieldPictures& field, const std::vector<RelightJob>& jobs,
                                 const ExposureOptions& exposure = {}, const RunContext& run = {});
+
+struct VideoOptions {
+  double frames_per_second = 30.0;
+  std::optional<double> exposure{};  ///< factor on the radiance, as for PNG files; none: automatic
+
+  /// Throws InputError naming the option and its range.
+  void check() const;
+};
+
+/// Frames on their way into the program `ffmpeg`, which encodes them as they come (H.264, 4:2:0, BT.709).
+/// Equal frames give equal files with equal versions of ffmpeg, on any number of cores.
+class VideoWriter {
+ public:
+  /// Frames of width × height pixels go to `file`, whose name ends in .mp4. Throws DeviceError where ffmpeg
+  /// is not installed or cannot be started.
+  VideoWriter(const std::filesystem::path& file, int width, int height, double frames_per_second);
+  /// Ends ffmpeg; what was written is of no use unless finish() was called.
+  ~VideoWriter();
+  VideoWriter(const VideoWriter&) = delete;
+  VideoWriter& operator=(const VideoWriter&) = delete;
+
+  /// One frame, [height × width × 3] bytes, sRGB. Throws DeviceError with ffmpeg's words when it gave up.
+  void add(std::span<const std::uint8_t> frame, const RunContext& run = {});
+
+  /// Waits until the file is complete. Throws DeviceError with ffmpeg's words when it failed.
+  void finish();
+
+ private:
+  [[noreturn]] void fail();
+  int wait();
+
+  std::filesystem::path file_;
+  int pipe_ = -1;      // our end of a socket pair: ffmpeg's standard input
+  int messages_ = -1;  // ffmpeg's standard error, in memory
+  int process_ = -1;
+};
+
+/// Relights `field` for each light in turn and writes the images as a video, with progress. Several images
+/// are made at a time; none is kept once it is encoded. The file appears when it is complete. Throws
+/// Interrupted between frames, DeviceError where ffmpeg is missing or fails, and what the lights throw.
+ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,
+                                const std::filesystem::path& output, const VideoOptions& options,
+                                const RunContext& run = {});
 
 /// The scene in a picture, and what FieldPictures::background() adds to it; or what its vertices reflect.
 struct MeteredPicture {

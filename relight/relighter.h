@@ -14,7 +14,6 @@
 #include "refield/relight.h"
 #include "relight/environment/environment.h"
 #include "relight/tiles/box_sums.h"
-#include "relight/tiles/tile_change.h"
 #include "relight/tiles/tile_product.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 #include <fcntl.h>
 #include <spawn.h>
@@ -18,9 +18,7 @@
 #include <numeric>
 #include <string>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
-#include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 

@@ -21,7 +21,7 @@
 #include "core/base/units.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 namespace refield::cli {
 

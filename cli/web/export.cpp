@@ -18,7 +18,7 @@
 #include "core/base/number_text.h"
 #include "core/image/metrics.h"
 #include "core/image/tone_map.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 namespace refield::web {
 

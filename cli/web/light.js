@@ -12,7 +12,7 @@ const light = (() => {
     return Math.max(0, Math.min(right, x + 1) - Math.max(left, x));
   }
 
-  /// A vertical bar over columns [left, left + size); columns lit in part are dimmer. As sliding_bar() of relight/sequence.h.
+  /// A vertical bar over columns [left, left + size); columns lit in part are dimmer. As sliding_bar() of include/refield/relight.h.
   function addBar(map, left, size, colour, wraps) {
     for (let x = 0; x < map.width; ++x) {
       let covered = overlap(left, left + size, x);
@@ -35,7 +35,7 @@ const light = (() => {
     }
   }
 
-  /// A lat-long map turned about the vertical axis, content moving to the right. As rotated() of relight/sequence.h.
+  /// A lat-long map turned about the vertical axis, content moving to the right. As rotated() of include/refield/relight.h.
   function rotated(map, turns) {
     const shift = (turns - Math.floor(turns)) * map.width;
     const whole = Math.floor(shift), fraction = shift - whole;

@@ -17,7 +17,7 @@
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/light/cube_map.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 namespace refield {
 

@@ -56,7 +56,6 @@ class BoxSumTable : public BoxSums {
   virtual void build(const Image& light) = 0;
   /// The light under any boxes: `sums` [boxes × 4], one value per channel and an undefined one.
   virtual void sum(std::span<const SmallBox> boxes, float* sums) const = 0;
-  virtual std::size_t bytes_per_texel() const = 0;
   void sum_own(int, std::span<const SmallBox> boxes, float* sums) const final { sum(boxes, sums); }
 };
 
@@ -65,7 +64,6 @@ class DoubleTable final : public BoxSumTable {
  public:
   void build(const Image& light) override { table_.build(light); }
   void sum(std::span<const SmallBox> boxes, float* sums) const override;
-  std::size_t bytes_per_texel() const override { return 3 * sizeof(double); }
 
  private:
   SummedAreaTable table_;
@@ -81,7 +79,6 @@ class FixedPointTable final : public BoxSumTable {
  public:
   void build(const Image& light) override;
   void sum(std::span<const SmallBox> boxes, float* sums) const override;
-  std::size_t bytes_per_texel() const override { return 4 * sizeof(std::int32_t); }
   /// What one step is worth, a channel each.
   const std::array<float, 4>& step() const { return step_; }
 

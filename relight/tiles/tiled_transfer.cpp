@@ -14,9 +14,6 @@
 #include <tuple>
 #include <vector>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
-
 namespace refield {
 
 namespace {

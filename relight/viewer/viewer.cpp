@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/viewer.h"
 
-#include "core/base/errors.h"
 #include "relight/viewer/field/app.h"
 #include "relight/viewer/gui/gl_window.h"
 

@@ -11,7 +11,7 @@
 #include "core/image/image_io.h"
 #include "relight/environment/environment.h"
 #include "relight/field_pictures.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 #include "relight/viewer/field/light_painter.h"
 #include "simulate/geometry/mesh_shapes.h"
 #include "tests/pipeline/view_program.h"

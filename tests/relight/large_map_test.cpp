@@ -10,7 +10,7 @@
 #include "core/base/rng.h"
 #include "core/field/reflectance_field.h"
 #include "relight/environment/environment.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 namespace refield {
 namespace {

@@ -8,7 +8,6 @@
 
 #include "core/base/errors.h"
 #include "core/light/harmonics.h"
-#include "relight/mesh/mesh_raster.h"
 #include "simulate/geometry/mesh_rays.h"
 #include "simulate/geometry/mesh_shapes.h"
 #include "simulate/geometry/place_mesh.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/sequence.h"
+#include "relight/relight.h"
 
 #include <gmock/gmock.h>
 

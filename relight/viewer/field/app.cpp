@@ -10,7 +10,6 @@
 #include <cstdio>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/detail_loader.h"
+#include "relight/viewer/field/view_state.h"
 
 #include <algorithm>
 #include <cmath>
 #include <utility>
-
-#include "core/base/errors.h"
 
 namespace refield {
 

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/field_picture.h"
+#include "relight/viewer/field/view_state.h"
 
 #include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/field/light_error.h"
 #include "core/image/false_colour.h"
 

@@ -5,10 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 
 namespace refield {

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <functional>
 #include <memory>
-#include <string>
 
 #include "core/field/mesh.h"
 #include "relight/mesh/mesh_view.h"

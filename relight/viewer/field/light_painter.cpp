@@ -9,11 +9,8 @@
 #include <numbers>
 #include <utility>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/image/image.h"
 #include "core/light/cube_map.h"
-#include "relight/sequence.h"
 
 namespace refield {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/view_relighter.h"
+#include "relight/viewer/field/view_state.h"
 
 #include <tbb/parallel_for.h>
 
@@ -7,9 +7,7 @@
 #include <chrono>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
-#include "relight/sequence.h"
 #include "relight/viewer/gui/background_job.h"
 
 namespace refield {

@@ -3,7 +3,6 @@
 
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 #include "core/image/tone_map.h"
 

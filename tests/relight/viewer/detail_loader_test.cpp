@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Large fields in the viewer: coarse pixels of all of the image, and those of the visible region.
-#include "relight/viewer/field/detail_loader.h"
 
 #include <gtest/gtest.h>
 

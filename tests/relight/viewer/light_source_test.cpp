@@ -8,7 +8,7 @@
 #include <numeric>
 
 #include "core/light/cube_map.h"
-#include "relight/sequence.h"
+#include "relight/relight.h"
 #include "tests/support/random_data.h"
 
 namespace refield {
