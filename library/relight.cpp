@@ -12,7 +12,6 @@
 #include "core/image/image_io.h"
 #include "library/data.h"
 #include "relight/environment/environment.h"
-#include "relight/environment/sky.h"
 #include "relight/mesh/mesh_view.h"
 #include "relight/relight.h"
 #include "simulate/prt/area_lights.h"

@@ -12,8 +12,6 @@
 #include <string>
 #include <utility>
 
-#include "core/base/errors.h"
-
 namespace refield {
 
 namespace {
@@ -271,13 +269,6 @@ const Image& TileRelighter::update(const LightMap& light, const Box& changed) {
                            smooth_.project(difference, changed)};
   std::visit([&](const auto& transfer) { add_change(transfer, blocks_, change, target()); }, *transfer_);
   return image_;
-}
-
-std::size_t TileRelighter::bytes_per_frame() {
-  const auto texels = static_cast<std::size_t>(domain_.width) * domain_.height;
-  return std::visit([](const auto& transfer) { return transfer.bytes(); }, *transfer_) +
-         common_boxes_.size() * (sizeof(SmallBox) + 4 * sizeof(float)) +
-         texels * (table().bytes_per_texel() + 3 * sizeof(float)) + image_.values.size() * sizeof(float);
 }
 
 }  // namespace refield

@@ -61,9 +61,6 @@ class TileRelighter {
 
   const TransferTiles& transfer() const { return *transfer_; }
 
-  /// Bytes that one call of relight() reads and writes at least: transfer, table, light and image.
-  std::size_t bytes_per_frame();
-
  private:
   /// Without a transfer yet.
   TileRelighter(const FieldOutline& field, RelightPrecision precision);

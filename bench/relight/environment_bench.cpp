@@ -108,7 +108,7 @@ class Screen {
     picture_ = view_.show(relighter_.relight(boxes_.project(environment, turn)));
     tone_map_rgba(picture_, tones_, rgba_);
   }
-  Image exact(const LightMap& environment, const refield::EulerAngles& turn) {
+  Image exact(const PreparedEnvironment& environment, const refield::EulerAngles& turn) {
     const refield::EnvironmentProjector projector(relighter_.domain(), {});
     return view_.show(relighter_.relight(projector.project_exactly(environment, turn).light));
   }

@@ -5,6 +5,7 @@
 // in double; 256 directions are enough here, since their number does not change the work of a frame.
 #include <benchmark/benchmark.h>
 
+#include "bench/relight/environment_bench.h"
 #include "core/base/rng.h"
 #include "core/image/metrics.h"
 #include "core/light/cube_map.h"
@@ -51,7 +52,8 @@ void Harmonics(benchmark::State& state, bool glossy) {
   for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
   const refield::ReflectanceField whole{rows.outline, rows.rows({0, rows.outline.height})};
   state.counters["relative_rmse"] = relative_rmse(*image, whole.relight(lights[(frame - 1) % 2]));
-  state.counters["MB_per_frame"] = static_cast<double>(relighter.bytes_per_frame()) / 1e6;
+  state.counters["MB_per_frame"] =
+      static_cast<double>(refield::bench::bytes_per_frame(relighter, *image)) / 1e6;
   state.counters["frames_per_second"] =
       benchmark::Counter(static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
   state.SetLabel(std::to_string(rows.outline.mesh->positions.size()) + " vertices");

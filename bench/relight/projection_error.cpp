@@ -66,7 +66,7 @@ class Comparison {
                    : relighter_.relight(projector_.project(environment, turn).light);
       });
       exact_time += seconds_of([&] {
-        exact_light = projector_.project_exactly(map, turn).light;
+        exact_light = projector_.project_exactly(environment, turn).light;
         exact = relighter_.relight(exact_light);
       });
       of_picture = std::max(of_picture, relative_rmse(fast, exact));

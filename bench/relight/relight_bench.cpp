@@ -278,7 +278,8 @@ void Whole(benchmark::State& state, GiveField field, refield::RelightPrecision p
   std::size_t frame = 0;
   const Image* image = nullptr;
   for (auto _ : state) image = &relighter.relight(lights[frame++ % 2]);
-  report(state, relighter.bytes_per_frame(), *image, in_double(lights[(frame - 1) % 2], field()));
+  report(state, refield::bench::bytes_per_frame(relighter, *image), *image,
+         in_double(lights[(frame - 1) % 2], field()));
 }
 BENCHMARK_CAPTURE(Whole, fast, the_field, refield::RelightPrecision::fast)
     ->Unit(benchmark::kMillisecond)
@@ -313,10 +314,11 @@ void RotatedEnvironment(benchmark::State& state) {
     tone_map_rgba(*image, tones, rgba);
   }
   state.counters["limit_ms"] =
-      static_cast<double>(relighter.bytes_per_frame() + rgba.size()) / refield::bench::read_rate() * 1e3;
+      static_cast<double>(refield::bench::bytes_per_frame(relighter, *image) + rgba.size()) /
+      refield::bench::read_rate() * 1e3;
   const Image shown = *image;
   state.counters["relative_rmse"] =
-      relative_rmse(shown, relighter.relight(projector.project_exactly(environment.map(), turn).light));
+      relative_rmse(shown, relighter.relight(projector.project_exactly(environment, turn).light));
 }
 BENCHMARK(RotatedEnvironment)
     ->ArgName("map")
@@ -464,7 +466,7 @@ BENCHMARK(DenseBlas)->Unit(benchmark::kMillisecond)->UseRealTime();
 
 /// What comes before the first frame.
 void LayOut(benchmark::State& state) {
-  for (auto _ : state) benchmark::DoNotOptimize(refield::TileRelighter(the_field()).bytes_per_frame());
+  for (auto _ : state) benchmark::DoNotOptimize(refield::TileRelighter(the_field()).transfer().index());
 }
 BENCHMARK(LayOut)->Unit(benchmark::kMillisecond)->UseRealTime();
 

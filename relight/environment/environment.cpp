@@ -13,11 +13,9 @@
 #include <string>
 #include <utility>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/light/cube_map.h"
-#include "relight/relight.h"
+#include "relight/tiles/box_sums.h"
 
 namespace refield {
 
@@ -25,36 +23,15 @@ namespace {
 
 using std::numbers::pi;
 
-/// Radiance times solid angle over the whole map, all channels together.
-double energy_of(const LightMap& environment) {
-  const Image& map = environment.radiance;
-  const bool is_cube = environment.parameterisation == Parameterisation::cube;
-  const SphereGrid cube =
-      is_cube ? SphereGrid(environment.domain()) : SphereGrid({1, 1, Parameterisation::lat_long});
-  double energy = 0.0;
-  for (int y = 0; y < map.height; ++y) {
-    const auto row = map.row(y);
-    const double ring = 2.0 * pi * (std::cos(pi * y / map.height) - std::cos(pi * (y + 1) / map.height));
-    for (int x = 0; x < map.width; ++x) {
-      const double angle =
-          is_cube ? solid_angle(cube.patches()[0].texel(x, y % map.width)) : ring / map.width;
-      energy += angle * (static_cast<double>(row[3 * x]) + row[3 * x + 1] + row[3 * x + 2]);
-    }
-  }
-  return energy;
-}
-
 /// Sums over one texel of the light map.
 struct TexelSums {
   double energy[3] = {};     ///< radiance times solid angle
   double solid_angle = 0.0;  ///< of the texel
-  double own = 0.0;          ///< of it, what is not left to other windows
 
   void add(const std::vector<TexelOverlap>& overlaps, int windows, const Image& radiance) {
     for (const TexelOverlap& overlap : overlaps) {
       const double share = overlap.solid_angle / windows;
       solid_angle += overlap.solid_angle;
-      own += share;
       for (int c = 0; c < 3; ++c) energy[c] += share * radiance.at(overlap.column, overlap.row, c);
     }
   }
@@ -476,7 +453,7 @@ EnvironmentLight EnvironmentProjector::project(const LightMap& environment, cons
 
 EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& environment,
                                                const EulerAngles& turn, const RunContext& run) const {
-  if (!environment.has_path_sums()) return project_exactly(environment.map(), turn, run);
+  if (!environment.has_path_sums()) return project_exactly(environment, turn, run);
   if (auto light = as_it_stands(environment.map(), turn)) return {std::move(*light), {}};
   const LightDomain& domain = target();
   const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
@@ -540,10 +517,15 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
     });
     if (is_lat_long) break;
   }
-  if (domain.parameterisation != Parameterisation::monitor) return result;
-  const double all = std::accumulate(energy.begin(), energy.end(), 0.0);
-  result.share = {seen_ / (4.0 * pi), environment.energy() > 0.0 ? all / environment.energy() : 1.0};
+  result.share = share_of(energy, environment);
   return result;
+}
+
+EnvironmentShare EnvironmentProjector::share_of(const std::vector<double>& energy,
+                                                const PreparedEnvironment& environment) const {
+  if (target().parameterisation != Parameterisation::monitor) return {};
+  const double all = std::accumulate(energy.begin(), energy.end(), 0.0);
+  return {seen_ / (4.0 * pi), environment.energy() > 0.0 ? all / environment.energy() : 1.0};
 }
 
 bool box_sums_suffice(const LightBasis& basis) {
@@ -707,14 +689,15 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
   return sums;
 }
 
-EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environment, const EulerAngles& turn,
-                                                       const RunContext& run) const {
-  if (auto light = as_it_stands(environment, turn)) return {std::move(*light), {}};
+EnvironmentLight EnvironmentProjector::project_exactly(const PreparedEnvironment& environment,
+                                                       const EulerAngles& turn, const RunContext& run) const {
+  const LightMap& map = environment.map();
+  if (auto light = as_it_stands(map, turn)) return {std::move(*light), {}};
   const LightDomain& domain = grid_.domain();
-  const SphereGrid source(environment.domain());
+  const SphereGrid source(map.domain());
   const Eigen::Matrix3d environment_from_scene = rotation_of(turn).transpose();
   EnvironmentLight result{{Image(domain.width, domain.height, 3), domain.parameterisation}, {}};
-  std::vector<double> covered(domain.height), energy(domain.height);
+  std::vector<double> energy(static_cast<std::size_t>(domain.height), 0.0);
   Progress progress(run, "resampling the map", static_cast<std::uint64_t>(domain.height));
   tbb::parallel_for(0, domain.height, [&](int y) {
     run.throw_if_stopped();
@@ -725,7 +708,7 @@ EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environme
       for (int x = 0; x < patch.columns(); ++x) {
         for (SeenPart& part : parts_of(patch.texel(x, y - patch.first_row), patch)) {
           for (Eigen::Vector3d& corner : part.outline) corner = environment_from_scene * corner;
-          row[patch.first_column + x].add(finder.find(part.outline), part.windows, environment.radiance);
+          row[patch.first_column + x].add(finder.find(part.outline), part.windows, map.radiance);
         }
       }
     }
@@ -734,16 +717,9 @@ EnvironmentLight EnvironmentProjector::project_exactly(const LightMap& environme
         result.light.radiance.at(x, y, c) = static_cast<float>(row[x].energy[c] / row[x].solid_angle);
         energy[y] += row[x].energy[c];
       }
-    for (const TexelSums& texel : row) covered[y] += texel.own;
     progress.advance();
   });
-  double seen = 0.0, sphere = 0.0;
-  for (int y = 0; y < domain.height; ++y) {
-    seen += energy[y];
-    sphere += covered[y];
-  }
-  const double whole = energy_of(environment);
-  result.share = {sphere / (4.0 * pi), whole > 0.0 ? seen / whole : 1.0};
+  result.share = share_of(energy, environment);
   return result;
 }
 

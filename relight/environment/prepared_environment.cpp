@@ -10,8 +10,6 @@
 #include <optional>
 #include <utility>
 
-#include "core/base/errors.h"
-#include "core/base/run_context.h"
 #include "core/light/cube_map.h"
 
 namespace refield {

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/environment/sky.h"
+#include "relight/environment/environment.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 #include <string>

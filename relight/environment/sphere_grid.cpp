@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/environment/sphere_grid.h"
+#include "relight/environment/environment.h"
 
 #include <Eigen/Geometry>
 

@@ -327,7 +327,7 @@ void expect_sums_to_agree_with_clipping(const LightDomain& target,
     ASSERT_TRUE(prepared.has_path_sums());
     for (const EulerAngles& turn : turns) {
       const EnvironmentLight fast = projector.project(prepared, turn),
-                             exact = projector.project_exactly(map, turn);
+                             exact = projector.project_exactly(prepared, turn);
       ASSERT_LT(largest_difference(exact.light, fast.light), ways_differ)
           << source.width << " turned by " << turn.yaw << " " << turn.pitch << " " << turn.roll;
       EXPECT_NEAR(fast.share.sphere, exact.share.sphere, 1e-6);
@@ -398,7 +398,7 @@ TEST(Environment, SumsAlongEdgesKeepASunOfOneTexel) {
       const EnvironmentProjector projector(target, one_monitor);
       const EulerAngles turn = random_turn(rng);
       const LightMap fast = projector.project(prepared, turn).light,
-                     exact = projector.project_exactly(map, turn).light;
+                     exact = projector.project_exactly(prepared, turn).light;
       // Texels beside the sun as well: differences of large sums must not show.
       for (std::size_t i = 0; i < fast.radiance.values.size(); ++i)
         ASSERT_NEAR(fast.radiance.values[i], exact.radiance.values[i], 1e-4 * exact.radiance.values[i])
@@ -414,7 +414,7 @@ TEST(Environment, LargeMapsWithoutAllPrefixSumsAgreeToo) {
   for (const LightDomain& target : {window(3, 2), window(1, 1)}) {
     const EnvironmentProjector projector(target, one_monitor);
     const EulerAngles turn{20, 70, 10};
-    EXPECT_LT(largest_difference(projector.project_exactly(map, turn).light,
+    EXPECT_LT(largest_difference(projector.project_exactly(prepared, turn).light,
                                  projector.project(prepared, turn).light),
               ways_differ);
   }
@@ -439,7 +439,7 @@ TEST(Environment, BoxesOfACubeHoldTheEnergyOfTheirTexels) {
   const BoxProjector projector(side, {}, boxes);
   for (const EulerAngles& turn : {EulerAngles{}, EulerAngles{0, 90, 0}, random_turn(rng)}) {
     const std::vector<float> sums = projector.project(prepared, turn);
-    const LightMap light = EnvironmentProjector(cube(side), {}).project_exactly(map, turn).light;
+    const LightMap light = EnvironmentProjector(cube(side), {}).project_exactly(prepared, turn).light;
     for (std::size_t k = 0; k < boxes.size(); ++k)
       for (int c = 0; c < 3; ++c) {
         double sum = 0.0;
@@ -596,7 +596,7 @@ TEST(Environment, FineWindowsAgreeWithClipping) {
         lat_long_position(screen_direction(monitor[0], 0.4, 0.7).normalized(), 400, 200);
     for (int c = 0; c < 3; ++c) map.radiance.at(static_cast<int>(at.x()), static_cast<int>(at.y()), c) = sun;
     const LightMap fast = projector.project(PreparedEnvironment(map), {}).light,
-                   exact = projector.project_exactly(map, {}).light;
+                   exact = projector.project_exactly(PreparedEnvironment(map), {}).light;
     for (std::size_t i = 0; i < fast.radiance.values.size(); ++i) {
       const float value = exact.radiance.values[i];
       ASSERT_NEAR(fast.radiance.values[i], value, of_contrast * (value > max_sky ? sun : max_sky)) << i;

@@ -217,8 +217,7 @@ TEST(PrecomputedFields, EnvironmentsLightClustersWithoutALightMap) {
     of_one_colour.radiance.values[i] = 2.0f;
   const auto environment = std::make_shared<const PreparedEnvironment>(std::move(of_one_colour));
   const EulerAngles turn{30, 40, 50};
-  const LightMap map =
-      EnvironmentProjector(field.basis.domain, {}).project_exactly(environment->map(), turn).light;
+  const LightMap map = EnvironmentProjector(field.basis.domain, {}).project_exactly(*environment, turn).light;
   const Image expected = field.relight(map);
   constexpr double float_error = 1e-5;
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/environment/sky.h"
+#include "relight/environment/environment.h"
 
 #include <gtest/gtest.h>
 

@@ -19,7 +19,6 @@
 #include "core/image/metrics.h"
 #include "core/light/cube_map.h"
 #include "relight/environment/environment.h"
-#include "relight/environment/sky.h"
 
 namespace refield::studies {
 
