@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
 
 #include "core/base/errors.h"
@@ -42,15 +41,6 @@ std::string name_text(const App& app) {
               ? std::to_string(field.mesh->positions.size()) + " vertices"
               : std::to_string(app.state->image_width()) + "×" + std::to_string(app.state->image_height())) +
          share_text(app.state->light_shares());
-}
-
-void take_file(App& app, const std::filesystem::path& file) {
-  if (app.dialog->purpose == FileDialog::Purpose::open) return open_file(app, file);
-  try {
-    save_picture(app, file);
-  } catch (const Error& error) {
-    complain(app, error.what());
-  }
 }
 
 void light_section(App& app) {
@@ -551,7 +541,9 @@ void draw_panels(App& app, const Textures& textures, const std::function<void()>
                       pointer_text(app.light, app.state->shown_light(), "texel"));
   draw_notice(app, picture);
   if (app.shows_help) draw_help(app, left, mouse_help, keys_of(shortcuts()));
-  draw_file_dialog(app, left, [&](const std::filesystem::path& file) { take_file(app, file); });
+  draw_file_dialog(app, left, [&](const std::filesystem::path& file) {
+    app.dialog->purpose == FileDialog::Purpose::open ? open_file(app, file) : save_picture(app, file);
+  });
 }
 
 }  // namespace refield

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <string>
 
@@ -338,7 +337,11 @@ void draw_file_dialog(WindowState& window, const Area& area,
   const bool is_left = button("Cancel");
   ImGui::End();
   if (!chosen && !is_left) return;
-  if (chosen) take(*chosen);
+  try {
+    if (chosen) take(*chosen);
+  } catch (const Error& error) {
+    complain(window, error.what());
+  }
   window.dialog.reset();
 }
 

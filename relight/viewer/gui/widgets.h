@@ -81,7 +81,8 @@ Area above_help(const WindowState& window, const Area& area);
 std::string pointer_text(const Canvas& canvas, const Image& image, const char* what,
                          const std::optional<PixelGrid>& grid = std::nullopt);
 
-/// Draws the window's dialog, where it has one, over an area, and calls `take` with the file that was chosen.
+/// Draws the window's dialog, where it has one, over an area, and calls `take` with the chosen file;
+/// errors become notices.
 void draw_file_dialog(WindowState& window, const Area& area,
                       const std::function<void(const std::filesystem::path&)>& take);
 

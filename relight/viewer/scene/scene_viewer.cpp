@@ -6,14 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/background_job.h"
@@ -322,14 +320,6 @@ void draw_scene_controls(SceneApp& app, const Area& area) {
   end_panel();
 }
 
-void save_to(SceneApp& app, const std::filesystem::path& file) {
-  try {
-    save_scene_picture(app, file);
-  } catch (const Error& error) {
-    complain(app, error.what());
-  }
-}
-
 /// Draws all of a frame into Dear ImGui and lets mouse and controls change `app`.
 void draw_scene_panels(SceneApp& app, const Texture& picture) {
   const ImVec2 window = ImGui::GetIO().DisplaySize;
@@ -342,7 +332,7 @@ void draw_scene_panels(SceneApp& app, const Texture& picture) {
                   pointer_text(app.picture, app.state.radiance(), "pixel"));
   draw_notice(app, picture_area);
   if (app.shows_help) draw_help(app, left, scene_mouse_help, keys_of(scene_shortcuts()));
-  draw_file_dialog(app, left, [&](const std::filesystem::path& file) { save_to(app, file); });
+  draw_file_dialog(app, left, [&](const std::filesystem::path& file) { save_scene_picture(app, file); });
 }
 
 FrameTime draw_scene(SceneApp& app, Texture& picture) {
