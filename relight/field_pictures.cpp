@@ -8,7 +8,6 @@
 #include <cmath>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
 

@@ -7,9 +7,7 @@
 #include <set>
 #include <span>
 
-#include "core/base/errors.h"
 #include "core/base/json.h"
-#include "core/base/run_context.h"
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"

@@ -8,9 +8,7 @@
 #include <unordered_map>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/json.h"
-#include "core/base/run_context.h"
 #include "relight/tiles/tiled_transfer.h"
 
 namespace refield {

@@ -13,13 +13,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cstdlib>
 #include <filesystem>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
-#include "core/base/run_context.h"
 #include "relight/viewer/gui/widgets.h"
 
 namespace refield {

@@ -5,9 +5,7 @@
 #include <string>
 #include <string_view>
 
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
-#include "core/base/run_context.h"
 #include "core/image/image_io.h"
 
 namespace refield {

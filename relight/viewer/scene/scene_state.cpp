@@ -8,7 +8,6 @@
 #include <cmath>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
