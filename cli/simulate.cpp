@@ -231,7 +231,8 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
   verb->add_option(
       "--noise", arguments->noise,
       "Relative standard deviation of Gaussian noise on the photographs, such as 0.005 (default: 0)");
-  add_half_option(*verb, arguments->half);
+  verb->add_flag("--half", arguments->half,
+                 "Write 16-bit half-float images: half the disk space, relative rounding error 0.05 %");
   verb->add_option("--transport", arguments->transport,
                    "When to write transport.rfield: auto (up to 2 GiB), always or never")
       ->check(CLI::IsMember({"auto", "always", "never"}))

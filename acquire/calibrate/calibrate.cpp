@@ -81,6 +81,15 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
   return warnings;
 }
 
+/// Exposures of photographs of light up to white: the metered one and longer ones, four times apart.
+std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
+                                 const RunContext& run) {
+  const Metering metering = meter(bench, Seconds(0), run);  // under white
+  constexpr double ratio = 4.0;
+  return exposure_series(bench.camera(), metering.exposure, metering.exposure * std::pow(ratio, count - 1),
+                         count, exposure_unit);
+}
+
 }  // namespace
 
 void CalibrateOptions::check() const {

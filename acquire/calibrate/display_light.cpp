@@ -143,14 +143,6 @@ void single_channel(const Photograph& shot, Image& value, Image& weight, double&
 
 }  // namespace
 
-std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
-                                 const RunContext& run) {
-  const Metering metering = meter(bench, Seconds(0), run);  // under white
-  constexpr double ratio = 4.0;
-  return exposure_series(bench.camera(), metering.exposure, metering.exposure * std::pow(ratio, count - 1),
-                         count, exposure_unit);
-}
-
 Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
                       const std::vector<Seconds>& exposures, int repeats, const RunContext& run) {
   std::vector<RawFrame> frames;

@@ -24,10 +24,6 @@ struct ToneCurve {
 ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& camera,
                              const std::vector<Seconds>& exposures, int step, const RunContext& run);
 
-/// Exposures of photographs of light up to white: the metered one and longer ones, four times apart.
-std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exposure_unit,
-                                 const RunContext& run);
-
 /// The pattern shown, photographed with all exposures, each `repeats` times; no flat field is applied.
 Photograph photograph(CalibrationBench& bench, const CameraCalibration& camera,
                       const std::vector<Seconds>& exposures, int repeats, const RunContext& run = {});

@@ -320,6 +320,23 @@ constexpr const char* aperture_names[] = {"aperture", "f-number"};
 constexpr const char* format_names[] = {"imageformat", "imagequality"};
 constexpr const char* mode_names[] = {"expprogram", "autoexposuremode"};
 
+/// Shutter time that a choice such as "1/60", "0.0125s", "0.3" or "2\"" names; nullopt for "bulb" and others
+/// that name none.
+std::optional<Seconds> shutter_time(const std::string& choice) {
+  char* end = nullptr;
+  double seconds = std::strtod(choice.c_str(), &end);
+  if (end == choice.c_str()) return std::nullopt;
+  if (*end == '/') {
+    const char* denominator = end + 1;
+    const double below = std::strtod(denominator, &end);
+    if (end == denominator || !(below > 0.0)) return std::nullopt;
+    seconds /= below;
+  }
+  if (*end == 's' || *end == '"') ++end;
+  if (*end != 0 || !(seconds > 0.0 && std::isfinite(seconds))) return std::nullopt;
+  return Seconds(seconds);
+}
+
 struct Shutter {
   Seconds time;
   std::string choice;

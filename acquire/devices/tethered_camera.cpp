@@ -5,7 +5,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <cstdlib>
 #include <thread>
 
 #include "core/base/number_text.h"
@@ -98,21 +97,6 @@ std::uint64_t FrameCounter::number_of(std::uint64_t id) {
 std::uint64_t FrameCounter::number_of_incomplete() {
   ++incomplete_;
   return ++number_;
-}
-
-std::optional<Seconds> shutter_time(const std::string& choice) {
-  char* end = nullptr;
-  double seconds = std::strtod(choice.c_str(), &end);
-  if (end == choice.c_str()) return std::nullopt;
-  if (*end == '/') {
-    const char* denominator = end + 1;
-    const double below = std::strtod(denominator, &end);
-    if (end == denominator || !(below > 0.0)) return std::nullopt;
-    seconds /= below;
-  }
-  if (*end == 's' || *end == '"') ++end;
-  if (*end != 0 || !(seconds > 0.0 && std::isfinite(seconds))) return std::nullopt;
-  return Seconds(seconds);
 }
 
 }  // namespace refield

@@ -82,10 +82,6 @@ class StreamingCamera : public TetheredCamera {
 /// Now, on the clock of RawFrame::exposure_start.
 TimePoint monotonic_now();
 
-/// Shutter time that a choice such as "1/60", "0.0125s", "0.3" or "2\"" names; nullopt for "bulb" and others
-/// that name none.
-std::optional<Seconds> shutter_time(const std::string& choice);
-
 /// Maps time stamps of a camera's own clock to the host's, of which nothing is known but that no frame
 /// arrives before its exposure has ended. Arrival less exposure less stamp bounds the offset of the clocks
 /// from above; the least of all frames is kept, and raised by more than any quartz drifts, so that it follows

@@ -503,12 +503,4 @@ Eigen::Vector3d light_direction(const Image& photograph, const MirrorBall& ball)
   return ball.reflect(centroid[brightest])->direction;
 }
 
-void exclude_ball(Mask& mask, int width, int height, const MirrorBall& ball) {
-  constexpr double border_px = 2.0;
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x)
-      if ((Eigen::Vector2d(x + 0.5, y + 0.5) - ball.centre_px()).norm() < ball.radius_px() + border_px)
-        mask[static_cast<std::size_t>(y) * width + x] = 0;
-}
-
 }  // namespace refield

@@ -72,7 +72,4 @@ MirrorBall locate_ball(const ChromeBall& ball, const Image& mean);
 /// single highlight.
 Eigen::Vector3d light_direction(const Image& photograph, const MirrorBall& ball);
 
-/// Excludes the ball and a border of two pixels from a mask [height × width].
-void exclude_ball(Mask& mask, int width, int height, const MirrorBall& ball);
-
 }  // namespace refield

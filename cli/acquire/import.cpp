@@ -287,6 +287,25 @@ void match_by_time(const ImportOptions& options, const Common& common) {
     print(summary, request.folder);
 }
 
+/// Options that say what is known of the camera behind bracketed image files.
+void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
+  verb.add_option(
+      "--response", camera.response,
+      "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml (default: "
+      "as PNG chunks and ICC profiles state it, else srgb for 8-bit files and linear for others; estimated "
+      "if "
+      "the exposures contradict it)");
+  verb.add_option("--layout", camera.layout,
+                  "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
+                  "bayer_bggr (default: grey; for camera RAW files, from the file)")
+      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}))
+      ->group(further);
+  verb.add_option("--black", camera.black,
+                  "Black level of the camera in linearised sample units (default: from RAW files, else 0)")
+      ->group(further);
+  add_saturation_option(verb, camera.saturation);
+}
+
 void run_import(ImportOptions& options, const Common& common) {
   options.request.if_exists = if_exists(options.request.if_exists, common);
   const fs::path& output = options.request.folder;

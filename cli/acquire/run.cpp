@@ -17,6 +17,7 @@
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 #include "core/session/capture_session.h"
+#include "estimate/quality/light_order.h"
 #include "simulate/rig/light_maps.h"
 #include "simulate/tabletop/surface.h"
 
@@ -219,6 +220,31 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
   }
   add_reference();
   return result;
+}
+
+/// Puts the training lights first, in the given order: "given", "random" or "useful" (max_useful_order()).
+/// Throws InputError for another word.
+void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed) {
+  if (order == "given") return;
+  if (order != "random" && order != "useful")
+    throw InputError("--order " + order + ": give useful, given or random");
+  const auto others = std::stable_partition(
+      lights.begin(), lights.end(), [](const CaptureLight& light) { return light.role == FrameRole::train; });
+  const std::vector<CaptureLight> trained(lights.begin(), others);
+  std::vector<int> places;
+  if (order == "random") {
+    places = random_order(static_cast<int>(trained.size()), seed);
+  } else {
+    std::vector<LightMap> maps;
+    Progress progress(run_context(), "ordering lights", trained.size());
+    for (const CaptureLight& light : trained) {
+      run_context().throw_if_stopped();
+      maps.push_back(read_light_map(light.wanted, Parameterisation::monitor, run_context()));
+      progress.advance();
+    }
+    places = max_useful_order(maps);
+  }
+  for (std::size_t i = 0; i < places.size(); ++i) lights[i] = trained[places[i]];
 }
 
 std::vector<CaptureLight> lights_of(const SessionFile& session, const IlluminatorDescription& monitor,

@@ -9,32 +9,8 @@
 #include "cli/run_context.h"
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"
-#include "estimate/quality/light_order.h"
 
 namespace refield::cli {
-
-void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed) {
-  if (order == "given") return;
-  if (order != "random" && order != "useful")
-    throw InputError("--order " + order + ": give useful, given or random");
-  const auto others = std::stable_partition(
-      lights.begin(), lights.end(), [](const CaptureLight& light) { return light.role == FrameRole::train; });
-  const std::vector<CaptureLight> trained(lights.begin(), others);
-  std::vector<int> places;
-  if (order == "random") {
-    places = random_order(static_cast<int>(trained.size()), seed);
-  } else {
-    std::vector<LightMap> maps;
-    Progress progress(run_context(), "ordering lights", trained.size());
-    for (const CaptureLight& light : trained) {
-      run_context().throw_if_stopped();
-      maps.push_back(read_light_map(light.wanted, Parameterisation::monitor, run_context()));
-      progress.advance();
-    }
-    places = max_useful_order(maps);
-  }
-  for (std::size_t i = 0; i < places.size(); ++i) lights[i] = trained[places[i]];
-}
 
 double error_from_text(const std::string& text) {
   double value = 0.0;

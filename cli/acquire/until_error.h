@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
@@ -11,10 +10,6 @@
 #include "estimate/rig/verdict.h"
 
 namespace refield::cli {
-
-/// Puts the training lights first, in the given order: "given", "random" or "useful" (max_useful_order()).
-/// Throws InputError for another word.
-void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed);
 
 /// "2%" or "0.02" as 0.02. Throws InputError outside (0, 1).
 double error_from_text(const std::string& text);

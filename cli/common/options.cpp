@@ -7,7 +7,6 @@
 #include <sstream>
 #include <string_view>
 
-#include "acquire/import/bracket_merge.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/number_text.h"
@@ -367,24 +366,6 @@ PictureSize read_picture_size(const std::string& text, PictureSize least, const 
   return size;
 }
 
-void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
-  verb.add_option(
-      "--response", camera.response,
-      "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml (default: "
-      "as PNG chunks and ICC profiles state it, else srgb for 8-bit files and linear for others; estimated "
-      "if "
-      "the exposures contradict it)");
-  verb.add_option("--layout", camera.layout,
-                  "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
-                  "bayer_bggr (default: grey; for camera RAW files, from the file)")
-      ->check(CLI::IsMember({"grey", "bayer", "bayer_rggb", "bayer_grbg", "bayer_gbrg", "bayer_bggr"}))
-      ->group(further);
-  verb.add_option("--black", camera.black,
-                  "Black level of the camera in linearised sample units (default: from RAW files, else 0)")
-      ->group(further);
-  add_saturation_option(verb, camera.saturation);
-}
-
 CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& placements,
                                   const std::string& more) {
   return verb.add_option(
@@ -392,11 +373,6 @@ CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& plac
       "Placement of the monitor: WIDTHxHEIGHT@DISTANCE in mm, then yaw, pitch, roll in degrees "
       "and x, y in mm where not zero, such as 520x320@600,yaw=90. " +
           more + " Repeat the option for each window of stacked light maps");
-}
-
-CLI::Option* add_half_option(CLI::App& verb, bool& half) {
-  return verb.add_flag("--half", half,
-                       "Write 16-bit half-float images: half the disk space, relative rounding error 0.05 %");
 }
 
 CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second) {

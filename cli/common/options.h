@@ -16,8 +16,6 @@
 
 namespace refield {
 
-struct BracketCamera;
-
 // Of core/base, where they are documented: paths that users give, JSON.
 std::vector<std::filesystem::path> expand_globs(const std::vector<std::string>& patterns);
 void require_not_an_input(const std::filesystem::path& output,
@@ -63,8 +61,6 @@ inline constexpr const char* further = "Further options";
 /// Adds --placement; `more` says what the verb needs it for.
 CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& placements,
                                   const std::string& more);
-/// Adds --half.
-CLI::Option* add_half_option(CLI::App& verb, bool& half);
 /// Adds --fps, of a video.
 CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second);
 /// Adds --monitor, the device that shows light patterns.
@@ -104,9 +100,6 @@ struct PictureSize {
 /// larger than 16384x16384.
 PictureSize read_picture_size(const std::string& text, PictureSize least,
                               const std::string& option = "--size");
-
-/// Options that say what is known of the camera behind bracketed image files.
-void add_bracket_camera(CLI::App& verb, BracketCamera& camera);
 
 /// What estimate, compare and report work on: a capture session, or pairs of images of other tools.
 struct CaptureOptions {

@@ -130,15 +130,6 @@ Image false_coloured(const Image& map, double high, const Mask& mask) {
   return coloured;
 }
 
-Json false_colours_json() {
-  Json colours;
-  for (const auto& [red, green, blue] : false_colour_stops) {
-    const auto byte = [](float value) { return std::to_string(std::lround(255.0f * value)); };
-    colours.push_back("rgb(" + byte(red) + "," + byte(green) + "," + byte(blue) + ")");
-  }
-  return colours;
-}
-
 Json picture_json(const Image& image, double exposure) {
   return {{"width", image.width},
           {"height", image.height},

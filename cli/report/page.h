@@ -48,9 +48,6 @@ Image error_magnitude(const Image& predicted, const Image& reference);
 /// Values above `high` and infinite ones take the last colour; pixels outside the mask are a flat grey.
 Image false_coloured(const Image& map, double high, const Mask& mask);
 
-/// Those colours from 0 to high, evenly spaced, as CSS.
-Json false_colours_json();
-
 /// Width, height and the picture as a data: address.
 Json picture_json(const Image& image, double exposure);
 

@@ -13,6 +13,7 @@
 #include "core/base/run_context.h"
 #include "core/base/temporary_folder.h"
 #include "core/field/predicted_error.h"
+#include "core/image/false_colour.h"
 #include "estimate/job/estimate_job.h"
 #include "estimate/quality/frame_check.h"
 #include "estimate/rig/verdict.h"
@@ -439,6 +440,16 @@ Json check_of(const CaptureSession& capture, const RunContext& run) try {
   return check_json(check_frames(job, {}, quiet), photographs);
 } catch (const InputError&) {
   return nullptr;
+}
+
+/// The colours of false_coloured() from 0 to high, evenly spaced, as CSS.
+Json false_colours_json() {
+  Json colours;
+  for (const auto& [red, green, blue] : false_colour_stops) {
+    const auto byte = [](float value) { return std::to_string(std::lround(255.0f * value)); };
+    colours.push_back("rgb(" + byte(red) + "," + byte(green) + "," + byte(blue) + ")");
+  }
+  return colours;
 }
 
 }  // namespace
