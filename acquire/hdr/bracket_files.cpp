@@ -87,7 +87,9 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
     std::string letters;
     for (const unsigned char code : read(static_cast<std::size_t>(count)))
       letters += std::string_view("RGBCMYW?")[std::min<std::size_t>(code, 7)];
-    if (letters.find_first_not_of("RGB") != std::string::npos) tags.colours = letters;
+    if (letters.find_first_not_of("RGB") != std::string::npos ||
+        (number == cfa_plane_colour && letters != "RGB"))
+      tags.colours = letters;
   } else if (number == cfa_layout) {
     const auto data = read(2);
     if (!data.empty() && data[order == 0x4949 ? 0 : 1] > 1) tags.colours = "in staggered rows or columns";

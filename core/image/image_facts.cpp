@@ -87,7 +87,7 @@ void read_profile(std::string_view icc, ImageFacts& facts) {
 }
 
 constexpr const char* levels_refusal =
-    "states levels of black and white that are not the full range (ReferenceBlackWhite, CS=ITU601); "
+    "states levels of black and white that are not the full range (ReferenceBlackWhite, CS=ITU601, cICP); "
     "export it as RGB of the full range";
 constexpr const char* cmyk_refusal = "stores inks (CMYK), which are no light; export it as RGB";
 
@@ -123,6 +123,9 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       const bool is_rational = type == 5 || type == 10;
       const auto item = [&](int i) {
         const std::uint64_t begin = place + static_cast<std::uint64_t>(i) * static_cast<std::uint64_t>(bytes);
+        if (type == 10)
+          return static_cast<std::int32_t>(number(begin, 4)) /
+                 static_cast<double>(static_cast<std::int32_t>(number(begin + 4, 4)));
         const auto whole = static_cast<double>(number(begin, is_rational ? 4 : bytes));
         return is_rational ? whole / static_cast<double>(number(begin + 4, 4)) : whole;
       };
@@ -157,7 +160,13 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       if (tag == 50706) facts.is_raw = true;  // DNGVersion
       if (tag == 33434) facts.exposure_seconds = positive;
       if (tag == 33437) facts.f_number = positive;
-      if (tag == 34855) facts.iso = positive;
+      // SensitivityType and those behind it: 34855 cannot hold more than 65535. ShutterSpeedValue and
+      // ApertureValue are logarithms to base 2. Source: EXIF 2.3, tables 6 and 8.
+      if (tag == 34855 || (tag > 34864 && tag < 34868 && facts.iso.value_or(65535.0) >= 65535.0))
+        facts.iso = positive;
+      const double power = std::exp2(tag == 37377 ? -item(0) : item(0) / 2.0);
+      if (tag == 37377 && !facts.exposure_seconds && std::isnormal(power)) facts.exposure_seconds = power;
+      if (tag == 37378 && !facts.f_number && std::isnormal(power)) facts.f_number = power;
       if (tag == 37386) facts.focal_length_mm = positive;
       if (tag == 37384) facts.light_source = static_cast<int>(value);
       if (tag == 41987) facts.white_balance = static_cast<int>(value);
@@ -240,6 +249,7 @@ void read_png(FileBytes& file, ImageFacts& facts) {
       if (primaries == 12)
         chunks[0].chromaticities = chromaticities_of({0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329});
       const bool is_known = primaries <= 2 || chunks[0].chromaticities;
+      if (file.number(data + 3, 1, true) == 0) facts.refusal = levels_refusal;
       chunks[0].response = is_known && transfer == 13  ? "srgb"
                            : is_known && transfer == 8 ? "linear"
                                                        : "unknown";

@@ -60,9 +60,10 @@ def directory(tags, order, base, big=False):
     return out + b"\0" * inline + extra
 
 
-def exif_tags(iso=None, f_number=None, seconds=None, focal=None, white_balance=None, light_source=None, **_):
+def exif_tags(iso=None, f_number=None, seconds=None, focal=None, white_balance=None, light_source=None, more=None, **_):
+    """`more`: further tags, {tag: (type, values)}."""
     fraction = lambda v: (5, (round(v * 10000), 10000))
-    return {k: v for k, v in {33434: seconds and fraction(seconds), 33437: f_number and fraction(f_number),
+    return {k: v for k, v in {**(more or {}), 33434: seconds and fraction(seconds), 33437: f_number and fraction(f_number),
                               34855: iso and (3, iso), 37386: focal and fraction(focal),
                               41987: None if white_balance is None else (3, white_balance),
                               37384: None if light_source is None else (3, light_source)}.items() if v}
@@ -149,6 +150,24 @@ def dng(samples, colours=(0, 1, 1, 2), orientation=1, order="<", black=BLACK, wh
             del more[tag]
     more.update(tags or {})
     return tiff(data, order, orientation, tags=more, **settings)
+
+
+def dng_behind_preview(samples, colours=(0, 1, 1, 2), order="<", tags=None):
+    """As cameras write it: the first directory is a thumbnail, the mosaic is in a directory below it."""
+    height, width = samples.shape
+    thumb = np.full((16, 32, 3), 77, np.uint8)
+    raw = {254: (4, 0), 256: (4, width), 257: (4, height), 258: (3, 16), 259: (3, 1), 262: (3, 32803), 273: (4, 0), 277: (3, 1),
+           278: (4, height), 279: (4, 2 * samples.size), 284: (3, 1), 33421: (3, [2, 2]), 33422: (1, list(colours)),
+           50710: (1, [0, 1, 2]), 50714: (4, BLACK), 50717: (4, WHITE), **(tags or {})}
+    first = {254: (4, 1), 256: (4, 32), 257: (4, 16), 258: (3, [8] * 3), 259: (3, 1), 262: (3, 2), 271: (2, "refield"), 272: (2, "virtual"),
+             273: (4, 0), 277: (3, 3), 278: (4, 16), 279: (4, thumb.size), 284: (3, 1), 330: (4, 0), 50706: (1, [1, 4, 0, 0]),
+             50708: (2, "refield virtual"), 50721: (10, [1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1]),
+             50728: (5, [1] * 6), 50778: (3, 21)}
+    below = 8 + len(directory(first, order, 8))
+    data = below + len(directory(raw, order, below))
+    first[330], first[273], raw[273] = (4, below), (4, data), (4, data + thumb.size)
+    return ((b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 8) + directory(first, order, 8) +
+            directory(raw, order, below) + thumb.tobytes() + samples.astype(order + "u2").tobytes())
 
 
 # ── ICC profiles: a header, the curve and the primaries ──

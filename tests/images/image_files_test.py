@@ -94,6 +94,17 @@ def raw_cases():
                refused="BlackLevelDelta.*50 rows or columns.*64")
     yield case("RAW, BlackLevelDelta of signed bytes", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50715: (6, lower)})},
                refused="BlackLevelDelta. of an unknown type")
+    for layout, order in itertools.product(BAYER, "<>"):
+        yield case(f"RAW {layout} behind a thumbnail, order {order}", {"a.dng": corpus.dng_behind_preview(corpus.mosaic(sensor, layout), BAYER[layout], order)},
+                   truth, where=sites(layout, light.shape[:2]))
+    yield case("RAW behind a thumbnail, BlackLevelDelta", {"a.tif": corpus.dng_behind_preview(corpus.mosaic(sensor + columns[None, :, None].astype(np.uint16), "rggb"), tags={50715: fractions(columns)})},
+               truth, where=sites("rggb", light.shape[:2]))
+    for y, x in ((2, 4), (1, 1)):  # LibRaw leaves an odd row and column out, too
+        masked = np.full((56, 72), 300, np.uint16)
+        masked[y:y + 48, x:x + 64] = corpus.mosaic(sensor, "rggb")
+        yield case(f"RAW with ActiveArea at {y}, {x}", {"a.dng": dng(masked, tags={50829: (4, [y, x, y + 48, x + 64])})},
+                   truth[y % 2:, x % 2:], where=sites("rggb", light.shape[:2])[y % 2:, x % 2:])
+    yield case("RAW with planes of BGR", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50710: (1, [2, 1, 0])})}, refused="colour filter 'BGR'")
     yield case("RAW of staggered rows", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50711: (3, 6)})}, refused="staggered")
     for name, pattern, planes in (("CMY", (3, 4, 4, 5), (3, 4, 5)), ("GMCY", (1, 4, 3, 5), (1, 4, 3, 5)), ("RGBW", (0, 1, 6, 2), (0, 1, 2, 6)),
                                   ("RGB, planes of CMY", (0, 1, 1, 2), (3, 4, 5))):
@@ -218,6 +229,7 @@ def png_cases():
         yield case(f"PNG eXIf orientation {orientation}: map upright", file, srgb_decoded(integers(SCENE, 16) / FULL), how="map")
     for how in ("photograph", "map"):
         yield case(f"PNG cICP of PQ: {how}", {"a.png": png(integers(SCENE, 16), [(b"cICP", bytes([9, 16, 0, 1]))])}, refused="states an encoding", how=how)
+        yield case(f"PNG cICP of studio range: {how}", {"a.png": png(integers(SCENE, 16), [(b"cICP", bytes([1, 13, 0, 0]))])}, refused="not the full range", how=how)
         yield case(f"PNG gAMA of zero: {how}", {"a.png": png(integers(SCENE, 16), [(b"gAMA", bytes(4))])},
                    integers(SCENE, 16) / FULL if how == "photograph" else srgb_decoded(integers(SCENE, 16) / FULL), how=how)
     linear = integers(SCENE, 16)
@@ -349,6 +361,14 @@ def setting_cases():
             of_development = setting in ("white_balance", "light_source", "orientation")
             yield case(f"{setting} differs, {container}", files, how="dome",
                        **({"truth": True} if container == "dng" and of_development else {"refused": text}))
+    # EXIF 2.3: 65535 where ISOSpeed or another kind of sensitivity tells more; logarithms to base 2; a signed fraction.
+    for name, first, second, text in (("ISOSpeed", {34855: (3, 65535), 34867: (4, 102400)}, {34855: (3, 65535), 34867: (4, 204800)}, "ISO speed 2.048e"),
+                                      ("RecommendedExposureIndex", {34866: (4, 400)}, {34866: (4, 800)}, "ISO speed 800.*400"),
+                                      ("ApertureValue", {37378: (5, [4, 1])}, {37378: (5, [6, 1])}, "aperture f/ ?8.*4")):
+        files = {f"{i}.tif": tiff(sixteen, seconds=0.01, more=tags) for i, tags in enumerate((first, second))}
+        yield case(f"{name} differs", files, how="dome", refused=text)
+    files = {f"{i}.tif": tiff(integers(SCENE / 4 * 4.0 ** i, 16), more={37377: (10, [1 - 2 * i, 1])}) for i in range(2)}
+    yield case("exposure time from ShutterSpeedValue", files, SCENE / 2, options=["--bracket-size", "2"], tolerance=0.01)
     for setting, value in (("iso", 100), ("f_number", 8)):
         for container, write in containers.items():
             yield case(f"{setting} is equal, {container}",
@@ -441,7 +461,7 @@ def judge(item, program, folder):
         (folder / name).write_bytes(data)
     files, out = [str(folder / name) for name in item["files"]], str(folder / "out.exr")
     if item["how"] == "photograph":
-        options = item["options"] if "--exposures" in item["options"] else item["options"] + ["--exposures", "1"]
+        options = item["options"] if {"--exposures", "--bracket-size"} & set(item["options"]) else item["options"] + ["--exposures", "1"]
         command = ["acquire", "import", *files, "-o", out, *options]
     elif item["how"] == "dome":
         (folder / "dome.lp").write_text(f"{len(files)}\n" + "".join(f"{pathlib.Path(f).name} {k * 0.3} 0.1 0.9\n" for k, f in enumerate(files)))
