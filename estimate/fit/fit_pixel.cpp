@@ -32,6 +32,13 @@ void MaskedSamples::assign(const PixelSamples& samples, std::size_t stride, int 
     for (int j = 0; j < images; ++j) measured[c * stride + j] = std::isnan(samples[c][j]) ? 0.0f : 1.0f;
 }
 
+bool is_seen(float measured, const float* column, std::size_t stride) {
+  constexpr float min_share = 1e-6f;  // a thousandth of the light
+  float all = 0.0f;
+  dots(column, &column, 1, stride, &all);
+  return measured >= min_share * all;
+}
+
 PixelFitter::PixelFitter(KernelCache& cache, const EstimateOptions& options)
     : GreedyTree(cache, std::min(options.max_kernels(), cache.table().images()), 0),
       mode_(options.mode),

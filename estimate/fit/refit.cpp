@@ -20,7 +20,9 @@ void fill_gram(const std::vector<const float*>& columns, std::size_t stride, Lef
   std::vector<float> products(count);
   gram.resize(count * count);
   for (std::size_t i = 0; i < count; ++i) {
-    dots(left(i), columns.data(), i + 1, stride, products.data());
+    const float* masked = left(i);
+    dots(masked, columns.data(), i + 1, stride, products.data());
+    if (masked != columns[i] && !is_seen(products[i], columns[i], stride)) products[i] = 0.0f;
     for (std::size_t k = 0; k <= i; ++k) gram[i * count + k] = gram[k * count + i] = products[k];
   }
 }

@@ -44,6 +44,7 @@ PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, cons
         left = masked_.data();
       }
       dots(left, pointers_.data(), i + 1, stride_, products_.data());
+      if (left != pointers_[i] && !is_seen(products_[i], pointers_[i], stride_)) products_[i] = 0.0f;
       for (int k = 0; k <= i; ++k) gram_[i * size + k] = gram_[k * size + i] = products_[k];
     }
     for (int i = 0; i < hats; ++i)

@@ -10,6 +10,7 @@
 
 #include "core/base/rng.h"
 #include "estimate/fit/refit.h"
+#include "estimate/fit/weighted_fit.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {
@@ -176,6 +177,31 @@ TEST_P(FitPixel, ASingleTexelHasOneKernel) {
   const auto found = PixelFitter(cache, options_for(GetParam(), 5)).fit(pixel.view());
   ASSERT_EQ(found.boxes.size(), 1u);
   EXPECT_NEAR(found.weights[1], 3.0f, 1e-5f);
+}
+
+// A mirror that clips whenever it sees the texel shine: in what it measured the texel is as dark as rounding.
+TEST(MeasuredSamples, ARectangleThatNoneOfThemSawGetsNoWeight) {
+  auto lights = test::random_lights(40, 16, 12, 7);
+  for (std::size_t j = 0; j < lights.size(); j += 2)
+    for (int c = 0; c < 3; ++c) lights[j].radiance.at(3, 3, c) = 1e-12f;
+  const BoxTable table(lights);
+  const std::vector<Box> boxes = {{3, 3, 4, 4}, {0, 0, 16, 12}};
+  Pixel pixel = pixel_of_boxes(table, boxes, {1.0f, 1.0f, 1.0f, 0.02f, 0.02f, 0.02f}, 0.02);
+  for (int c = 0; c < 3; ++c)
+    for (int j = 0; j < table.images(); ++j)
+      pixel.samples[c * table.stride() + j] =
+          j % 2 == 0 ? pixel.samples[c * table.stride() + j] + 0.05f : not_measured;
+  MaskedSamples samples;
+  samples.assign(pixel.view(), table.stride(), table.images());
+  const SmoothSpace smooth(table);
+  KernelCache cache(table, smooth, EstimateMode::fast);
+  const std::vector<float> start(6, 1.0f);
+  for (const PixelKernels& found :
+       {WeightFitter(table).fit(prepare_kernel_set(boxes, cache), samples, start),
+        WeightedFit(table, smooth).fit(boxes, smooth.class_without(), samples, {1.0, 1.0, 1.0})}) {
+    ASSERT_EQ(found.boxes.size(), 1u);
+    EXPECT_EQ(found.boxes[0].area(), 16 * 12);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Modes, FitPixel, ::testing::Values(EstimateMode::paper, EstimateMode::refined),
