@@ -116,7 +116,7 @@ void hold_still(CaptureSession& truth) {
   for (CaptureFrame& frame : truth.frames) {
     if (!frame.correction) continue;
     FrameCorrection still = *frame.correction;
-    still.shift_px = {};
+    still.shift_px = still.turn = {};
     frame.correction = std::make_shared<const FrameCorrection>(still);
   }
 }

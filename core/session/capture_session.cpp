@@ -354,10 +354,17 @@ LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameter
   return emitted(std::move(light), frame.correction.get());
 }
 
+std::array<double, 2> FrameCorrection::displacement(int x, int y) const {
+  const double u = x - 0.5 * (width_px - 1), v = y - 0.5 * (height_px - 1);
+  return {shift_px[0] + turn[1] * u - turn[0] * v, shift_px[1] + turn[0] * u + turn[1] * v};
+}
+
 int rig_margin(const FrameCorrection* correction) {
   if (!correction) return 0;
-  const double shift = correction->shift_px[1];
-  return 1 + (shift == 0.0 ? 0 : static_cast<int>(std::ceil(std::abs(shift))) + 2);  // 1: for bound_of()
+  const double shift =
+      std::abs(correction->shift_px[1]) + 0.5 * (std::abs(correction->turn[0]) * correction->width_px +
+                                                 std::abs(correction->turn[1]) * correction->height_px);
+  return 1 + (shift == 0.0 ? 0 : static_cast<int>(std::ceil(shift)) + 2);  // 1: for bound_of()
 }
 
 std::array<float, 4> cubic_weights(double t) {
@@ -392,15 +399,35 @@ void interpolate_row(const Image& rows, int first_row, int y, const std::array<d
     }
 }
 
+/// Row `y` of the wanted picture, moved and turned.
+void interpolate_turned_row(const Image& rows, int first_row, int y, const FrameCorrection& correction,
+                            std::span<float> out) {
+  for (int x = 0; x < rows.width; ++x) {
+    const auto [right, below] = correction.displacement(x, y);
+    const double x_floor = std::floor(right), y_floor = std::floor(below);
+    const auto across = cubic_weights(right - x_floor), down = cubic_weights(below - y_floor);
+    const auto pixel = out.subspan(std::size_t{3} * x, 3);
+    std::ranges::fill(pixel, 0.0f);
+    for (int v = 0; v < 4; ++v)
+      for (int u = 0; u < 4; ++u) {
+        const int column = std::clamp(x + static_cast<int>(x_floor) + u - 1, 0, rows.width - 1),
+                  row = std::clamp(y + static_cast<int>(y_floor) + v - 1 - first_row, 0, rows.height - 1);
+        for (int c = 0; c < 3; ++c) pixel[c] += down[v] * across[u] * rows.at(column, row, c);
+      }
+  }
+}
+
 /// What undo_rig() does to samples that were all measured.
 Image moved_and_unmixed(const Image& rows, int first_row, int first, int last,
                         const FrameCorrection& correction) {
   Image result(rows.width, last - first, 3);
-  const bool moves = correction.shift_px != std::array<double, 2>{};
+  const std::array<double, 2> none{};
   const bool mixes = correction.primaries_from_camera != Eigen::Matrix3f::Identity();
   for (int y = first; y < last; ++y) {
     const auto out = result.row(y - first);
-    if (moves)
+    if (correction.turn != none)
+      interpolate_turned_row(rows, first_row, y, correction, out);
+    else if (correction.shift_px != none)
       interpolate_row(rows, first_row, y, correction.shift_px, out);
     else
       std::ranges::copy(rows.row(y - first_row), out.begin());
@@ -444,12 +471,11 @@ Image undo_rig(const Image& rows, const std::vector<char>& unmeasured, int first
           filled.at(x, y, c) = lost.at(x, y, c) = bound_of(rows, unmeasured, x, y, c);
   Image result = moved_and_unmixed(filled, first_row, first, last, correction);
   const Image part = moved_and_unmixed(lost, first_row, first, last, correction);
-  const auto dx = static_cast<int>(std::lround(correction.shift_px[0])),
-             dy = static_cast<int>(std::lround(correction.shift_px[1]));
   for (int y = first; y < last; ++y)
     for (int x = 0; x < rows.width; ++x) {
-      const int v = std::clamp(y + dy - first_row, 0, rows.height - 1),
-                u = std::clamp(x + dx, 0, rows.width - 1);
+      const auto [right, down] = correction.displacement(x, y);
+      const int v = std::clamp(y + static_cast<int>(std::lround(down)) - first_row, 0, rows.height - 1),
+                u = std::clamp(x + static_cast<int>(std::lround(right)), 0, rows.width - 1);
       for (int c = 0; c < 3; ++c) {
         float& value = result.at(x, y - first, c);
         if (unmeasured[(static_cast<std::size_t>(v) * rows.width + u) * 3 + c] ||

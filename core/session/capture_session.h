@@ -17,9 +17,10 @@
 namespace refield {
 
 /// What the rig did to a frame besides B = T L (estimate/rig/rig_model.h), for readers of training frames to
-/// undo: photograph = gain · mixing · (B + room · room picture), moved by shift_px.
+/// undo: photograph = gain · mixing · (B + room · room picture), moved by displacement().
 struct FrameCorrection {
   std::array<double, 2> shift_px{};  ///< of the picture, to the right and down, against the first photograph
+  std::array<double, 2> turn{};      ///< the same about its middle: clockwise, radians, and relative growth
   std::array<float, 3> gain{1.0f, 1.0f, 1.0f};  ///< of each channel, on top of CaptureFrame::gain
   float room = 0.0f;                            ///< room light, as a multiple of a picture of it
   /// The photograph of the room light; empty: the mean photograph in grey stands for it.
@@ -27,8 +28,11 @@ struct FrameCorrection {
   Eigen::Matrix3f primaries_from_camera = Eigen::Matrix3f::Identity();
   /// The light that was emitted: white · (light / white)^tone of each channel.
   std::array<float, 3> tone{1.0f, 1.0f, 1.0f};
-  float white = 1.0f;  ///< radiance of the light map's white
-  int height_px = 0;   ///< of the photograph
+  float white = 1.0f;               ///< radiance of the light map's white
+  int width_px = 0, height_px = 0;  ///< of the photograph
+
+  /// To the right and down, of what the picture shows at (x, y).
+  std::array<double, 2> displacement(int x, int y) const;
 };
 
 /// One photograph of the scene and the illumination that it was taken under.

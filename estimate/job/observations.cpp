@@ -95,6 +95,7 @@ Image room_picture(const CaptureFrame& frame, const ObservationBand& band) {
   dark.gain = {1.0f, 1.0f, 1.0f};
   dark.views.reset();
   FrameCorrection unmixing;
+  unmixing.width_px = frame.correction->width_px;
   unmixing.height_px = frame.correction->height_px;
   unmixing.primaries_from_camera = frame.correction->primaries_from_camera;
   dark.correction = std::make_shared<const FrameCorrection>(unmixing);

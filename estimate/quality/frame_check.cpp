@@ -213,6 +213,7 @@ void estimate_and_correct(EstimateJob& job, const EstimateOptions& options, Fram
     return;
   }
   fill_gaps(rig.light_of, found.model.shift_px);
+  fill_gaps(rig.light_of, found.model.turn);
   fill_gaps(rig.light_of, found.model.gain);
   fill_gaps(rig.light_of, found.model.room);
   found.model.photographs = rig.photographs;

@@ -268,7 +268,7 @@ class RigEstimation {
     has_ambient_ = session.ambient.has_value();
     original_ = read_tiles(taking_part, session.width, session.height, mask, clip_level, run);
     images_ = static_cast<Index>(chosen_.size());
-    shift_ = MatrixXd::Zero(images_, 2);
+    motion_ = MatrixXd::Zero(images_, 4);
     centre_ = {0.5 * (session.width - 1), 0.5 * (session.height - 1)};
     model_.white = lights.white > 0.0 ? lights.white : 1.0;
     for (const CaptureFrame& frame : frames) model_.photographs.push_back(frame.name);
@@ -287,20 +287,29 @@ class RigEstimation {
       choose_way();
     }
     if (jumps_far()) lose_track();
+    alternate();
+    // Rotation and scale come last, when the other effects are known.
+    const bool told = path_[shifts].kind != CapturePath::Kind::rest && model_.shift_px.empty();
+    if (!told && predictors_.are_mixtures() && estimate_motion(turns, true)) alternate();
+    if (!(total_criterion() < before_)) forget();
+    return report();
+  }
+
+ private:
+  enum Motion { shifts, turns };  // of two columns of motion_ each
+
+  void alternate() {
     for (int round = 0; round < max_alternations; ++round) {
-      const bool moved = estimate_motion(round);
+      bool moved = (round == 0 || !model_.shift_px.empty()) && estimate_motion(shifts, round == 0);
+      if (!model_.turn.empty() && estimate_motion(turns, false)) moved = true;
       if (relative(total_criterion()) > max_residual_of_tone) break;
       const bool bent = estimate_colour_and_tone();
       const bool brighter = estimate_brightness();
       if (!moved && !brighter && (round > 0 || !bent)) break;
       if (brighter) estimate_colour_and_tone();
     }
-    if (!(total_criterion() < before_)) forget();
-    look_for_turns();
-    return report();
   }
 
- private:
   static std::vector<int> chosen_of(const std::vector<char>& left_out) {
     std::vector<int> chosen;
     for (std::size_t j = 0; j < left_out.size(); ++j)
@@ -310,7 +319,8 @@ class RigEstimation {
 
   /// The model becomes the identity.
   void forget() {
-    if (!model_.shift_px.empty()) path_ = {};  // else motion was found, and is not corrected anyway
+    // Else motion was found, and is not corrected anyway.
+    if (!model_.shift_px.empty() || !model_.turn.empty()) path_ = {};
     RigModel none;
     none.photographs = std::move(model_.photographs);
     none.white = model_.white;
@@ -326,13 +336,15 @@ class RigEstimation {
   MatrixXf series(int channel) const;
   void use_exponents();
   double total_criterion() const;
-  bool moving_back_serves(const MatrixXd& shift) const;
+  Eigen::RowVector2d displacement(const Eigen::RowVector4d& motion, const Place& place) const;
+  void move_back(std::size_t t);
+  void move_by(const MatrixXd& motion);
+  bool moving_back_serves(const MatrixXd& less, const MatrixXd& more) const;
   std::pair<double, std::array<MatrixXf, 3>> smoothed_residuals();
-  bool estimate_motion(int round);
+  bool estimate_motion(Motion kind, bool first);
   bool lose_track();
   bool jumps_far();
-  MatrixXd motion_step(VectorXd& variance, bool turns = false) const;
-  void look_for_turns();
+  MatrixXd motion_step(VectorXd& variance, Motion kind) const;
   bool estimate_colour_and_tone();
   std::optional<Eigen::Matrix3d> measure_mixing() const;
   void estimate_colour();
@@ -361,12 +373,12 @@ class RigEstimation {
   double room_scale_ = 1.0;    // multiples of the room picture in one of a picture as bright as the scene
   std::vector<Place> places_;  // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
-  MatrixXd shift_;
+  // [images × 4]: to the right, down, and by how many pixels rotation and growth move the picture's corners.
+  MatrixXd motion_;
   std::optional<Eigen::Matrix3d> measured_mixing_;
   double doubtful_mixing_ = 0.0;      // its largest entry, where pixels do not agree on it
   Eigen::Vector2d centre_{0.0, 0.0};  // of the picture
-  CapturePath path_;
-  CapturePath turn_;  // by how many pixels rotation and scale move the picture's corners
+  std::array<CapturePath, 2> path_;   // of each Motion
   bool lost_track_ = false;
   double jump_px_ = 0.0;
   int jump_near_ = 0;  // number of a photograph
@@ -489,18 +501,11 @@ RigEstimation::RoomPicture RigEstimation::room_picture(const std::array<MatrixXf
   return picture;
 }
 
-/// `from` moved back by shift [images × 2].
-void move_back(const Tile& from, const MatrixXd& shift, Tile& to);
-
 /// Undoes the model in all tiles.
 void RigEstimation::prepare() {
   const Eigen::Matrix3f unmix = model_.mixing.inverse().cast<float>();
-  const bool moves = shift_.cwiseAbs().maxCoeff() > 0.0;
   tbb::parallel_for(std::size_t{0}, original_.size(), [&](std::size_t t) {
-    if (moves)
-      move_back(original_[t], shift_, current_[t]);
-    else
-      current_[t].values = original_[t].values;
+    move_back(t);
     Tile& tile = current_[t];
     if (!model_.gain.empty()) scale(tile);
     if (!model_.mixes_colours() && model_.room.empty()) return;
@@ -537,7 +542,8 @@ Taps taps_of(const VectorXd& shift, std::size_t stride) {
   return taps;
 }
 
-void move_back(const Tile& from, const MatrixXd& shift, Tile& to) {
+/// `from` moved back by shift [images × 2].
+void shift_back(const Tile& from, const MatrixXd& shift, Tile& to) {
   const Taps across = taps_of(shift.col(0), from.stride), down = taps_of(shift.col(1), from.stride);
   const std::size_t row_size = static_cast<std::size_t>(from.width) * 3 * from.stride;
   AlignedFloats row(row_size);
@@ -576,6 +582,37 @@ float interpolated(const Tile& tile, const Place& place, const Eigen::RowVector2
                tile.at(std::clamp(place.x + x + u - 1, 0, tile.width - 1),
                        std::clamp(place.y + y + v - 1, 0, tile.height - 1), channel)[i];
   return value;
+}
+
+Eigen::RowVector2d RigEstimation::displacement(const Eigen::RowVector4d& motion, const Place& place) const {
+  const Tile& tile = original_[place.tile];
+  const double u = (tile.x0 + place.x - centre_[0]) / centre_.norm(),
+               v = (tile.y0 + place.y - centre_[1]) / centre_.norm();
+  return {motion[0] - motion[2] * v + motion[3] * u, motion[1] + motion[2] * u + motion[3] * v};
+}
+
+/// Undoes the motion in a tile.
+void RigEstimation::move_back(std::size_t t) {
+  const Tile& from = original_[t];
+  Tile& to = current_[t];
+  if (motion_.isZero(0.0)) {
+    to.values = from.values;
+    return;
+  }
+  if (motion_.rightCols(2).isZero(0.0)) return shift_back(from, motion_.leftCols(2), to);
+  tbb::parallel_for(0, from.height, [&](int y) {
+    for (int x = 0; x < from.width; ++x)
+      for (Index i = 0; i < images_; ++i) {
+        const Place place{t, x, y};
+        const Eigen::RowVector2d moved = displacement(motion_.row(i), place);
+        for (int c = 0; c < 3; ++c) to.at(x, y, c)[i] = interpolated(from, place, moved, c, i);
+      }
+  });
+}
+
+void RigEstimation::move_by(const MatrixXd& motion) {
+  motion_ = motion;
+  prepare();
 }
 
 /// Smooths a tile by a Gaussian of gradient_blur_px.
@@ -693,8 +730,8 @@ MotionSamples motion_samples(const std::vector<Tile>& tiles, int channel, Index 
 
 /// One Gauss-Newton step for the shifts of all photographs: minimises Σ w ‖A (B + d ∘ G)‖² over d, in which
 /// the normal matrix is (AᵀA) ∘ (G W Gᵀ), element by element. [images × 2], mean 0. `variance`: of each
-/// photograph's shift, up to a common factor. `turns`: of rotation and scale in place of shifts.
-MatrixXd RigEstimation::motion_step(VectorXd& variance, bool turns) const {
+/// photograph's shift, up to a common factor.
+MatrixXd RigEstimation::motion_step(VectorXd& variance, Motion kind) const {
   std::vector<Tile> smooth;
   for (const Tile& tile : current_) smooth.push_back(smoothed(tile));
   MatrixXd normal = MatrixXd::Zero(2 * images_, 2 * images_);
@@ -703,7 +740,7 @@ MatrixXd RigEstimation::motion_step(VectorXd& variance, bool turns) const {
     run_.throw_if_stopped();
     const MatrixXf& a = leave_one_out_[c];
     MotionSamples samples = motion_samples(smooth, c, images_, a);
-    if (turns) samples.turn(centre_);
+    if (kind == turns) samples.turn(centre_);
     const MatrixXf squared = a.transpose() * a;
     const MatrixXf pull = a.transpose() * (a * samples.values);
     const std::array<const MatrixXf*, 2> gradients{&samples.right, &samples.down};
@@ -797,19 +834,19 @@ bool RigEstimation::lose_track() {
   lost_track_ = true;
   path_ = {};
   model_.shift_px.clear();
-  shift_.setZero();
-  prepare();
+  model_.turn.clear();
+  move_by(MatrixXd::Zero(images_, 4));
   return false;
 }
 
-/// Whether photographs moved back by `shift` [images × 2] predict better those nearest the first one's
-/// position, which stay as they are: by the mean over pixels of the logarithm of the ratio of residuals'
-/// powers, without and with it, in its standard errors. Residuals of moved photographs do not tell: they are
-/// blurred by interpolation. `current_` must not be moved.
-bool RigEstimation::moving_back_serves(const MatrixXd& shift) const {
+/// Whether photographs moved back by `more` in place of `less` [images × 4] predict better those nearest the
+/// first one's position, which stay as they are: by the mean over pixels of the logarithm of the ratio of
+/// residuals' powers, in its standard errors. Residuals of moved photographs do not tell: they are blurred by
+/// interpolation. `current_` must not be moved.
+bool RigEstimation::moving_back_serves(const MatrixXd& less, const MatrixXd& more) const {
   std::vector<Index> order(static_cast<std::size_t>(images_));
   std::iota(order.begin(), order.end(), Index{0});
-  std::ranges::stable_sort(order, {}, [&](Index i) { return (shift.row(i) - shift.row(0)).squaredNorm(); });
+  std::ranges::stable_sort(order, {}, [&](Index i) { return (more.row(i) - more.row(0)).squaredNorm(); });
   order.resize(static_cast<std::size_t>(std::max(min_targets, images_ / 8)));
   Eigen::ArrayXd gains = Eigen::ArrayXd::Zero(static_cast<Index>(places_.size()));
   tbb::parallel_for(Index{0}, gains.size(), [&](Index p) {
@@ -821,8 +858,11 @@ bool RigEstimation::moving_back_serves(const MatrixXd& shift) const {
         float resting = 0.0f, moved = 0.0f;
         for (Index i = 0; i < images_; ++i) {
           const float weight = leave_one_out_[c](target, i);
-          resting += weight * tile.at(place.x, place.y, c)[i];
-          moved += weight * interpolated(tile, place, shift.row(i) - shift.row(target), c, i);
+          const auto at = [&](const MatrixXd& motion) {
+            return interpolated(tile, place, displacement(motion.row(i) - motion.row(target), place), c, i);
+          };
+          resting += weight * at(less);
+          moved += weight * at(more);
         }
         before += static_cast<double>(resting) * resting;
         after += static_cast<double>(moved) * moved;
@@ -845,62 +885,58 @@ std::pair<double, std::array<MatrixXf, 3>> RigEstimation::smoothed_residuals() {
   return result;
 }
 
-bool RigEstimation::estimate_motion(int round) {
-  if (lost_track_ || (round > 0 && model_.shift_px.empty())) return false;
+/// `first`: whether there is any, too.
+bool RigEstimation::estimate_motion(Motion kind, bool first) {
+  if (lost_track_) return false;
   // Shadows of single light sources move: photographs of a relief were "moved" by up to 3.6 pixels.
   if (!predictors_.are_mixtures() && relative(total_criterion()) > max_residual_of_tone) return false;
-  const MatrixXd before = shift_;
-  MatrixXd measured = shift_;
+  const MatrixXd before = motion_;
+  const auto with = [&](const MatrixXd& columns) {
+    MatrixXd motion = before;
+    motion.middleCols<2>(2 * kind) = columns;
+    return motion;
+  };
+  CapturePath& path = path_[kind];
+  const double least = kind == shifts ? min_motion_px : min_turn_px;
+  MatrixXd measured = before.middleCols<2>(2 * kind);
   VectorXd variance;
   for (int step = 0; step < max_steps; ++step) {
-    const MatrixXd change = motion_step(variance);
+    const MatrixXd change = motion_step(variance, kind);
     measured += change;
     if (!(measured.cwiseAbs().maxCoeff() < max_shift_px)) return lose_track();
-    if (step == 0 && round == 0) {
-      path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
-      if (path_.kind == CapturePath::Kind::rest || path_.values.cwiseAbs().maxCoeff() < min_motion_px / 2) {
-        path_.kind = CapturePath::Kind::rest;
+    if (step == 0 && first) {
+      path = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
+      if (path.kind == CapturePath::Kind::rest || path.values.cwiseAbs().maxCoeff() < least / 2) {
+        path.kind = CapturePath::Kind::rest;
         return false;
       }
     }
-    shift_ = measured;
-    prepare();
+    move_by(with(measured));
     if (change.cwiseAbs().maxCoeff() < small_step_px) break;
   }
-  path_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
-  if (path_.values.cwiseAbs().maxCoeff() < min_motion_px) path_.kind = CapturePath::Kind::rest;
-  model_.shift_px.clear();
-  const auto move_by = [&](const MatrixXd& shift) {
-    shift_ = shift;
-    prepare();
-  };
-  move_by(MatrixXd::Zero(images_, 2));
-  if (path_.kind != CapturePath::Kind::rest) {
-    const MatrixXd shift = path_.values(chosen_, Eigen::all);
-    const bool serves = moving_back_serves(shift);
+  path = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
+  if (path.values.cwiseAbs().maxCoeff() < least) path.kind = CapturePath::Kind::rest;
+  auto& found = kind == shifts ? model_.shift_px : model_.turn;
+  found.clear();
+  const MatrixXd without = with(MatrixXd::Zero(images_, 2));
+  move_by(MatrixXd::Zero(images_, 4));
+  if (path.kind != CapturePath::Kind::rest) {
+    const MatrixXd moved = with(path.values(chosen_, Eigen::all));
+    const bool serves = moving_back_serves(without, moved);
+    move_by(without);
     const auto [start, residuals] = smoothed_residuals();
-    move_by(shift);
+    move_by(moved);
     const auto [end, moved_residuals] = smoothed_residuals();
     // Photographs near the mean position gain nothing where the camera moved steadily.
-    if (round == 0 && start - end < clear_motion_gain &&
+    if (first && start - end < clear_motion_gain &&
         agreement(residuals, moved_residuals) < min_motion_agreement)
-      path_.kind = CapturePath::Kind::rest;
-    if (path_.kind == CapturePath::Kind::rest || !serves)
-      move_by(MatrixXd::Zero(images_, 2));
-    else
-      for (int j = 0; j < frames_; ++j) model_.shift_px.push_back({path_.values(j, 0), path_.values(j, 1)});
+      path.kind = CapturePath::Kind::rest;
+    const double unit = kind == shifts ? 1.0 : centre_.norm();
+    for (int j = 0; j < frames_ && serves && path.kind != CapturePath::Kind::rest; ++j)
+      found.push_back({path.values(j, 0) / unit, path.values(j, 1) / unit});
   }
-  return (shift_ - before).cwiseAbs().maxCoeff() > 2.0 * small_step_px;
-}
-
-/// Rotation and scale that shifts leave, to the first order. They are told, and not corrected.
-void RigEstimation::look_for_turns() {
-  const bool told = path_.kind != CapturePath::Kind::rest && model_.shift_px.empty();
-  if (lost_track_ || told || !predictors_.are_mixtures()) return;
-  VectorXd variance;
-  const MatrixXd measured = motion_step(variance, true);
-  turn_ = choose_path(measured, variance, chosen_, frames_, shift_floor_px);
-  if (turn_.values.cwiseAbs().maxCoeff() < min_turn_px) turn_.kind = CapturePath::Kind::rest;
+  if (found.empty()) move_by(without);
+  return (motion_ - before).cwiseAbs().maxCoeff() > 2.0 * small_step_px;
 }
 
 /// Products ⟨A_c y_k, A_d y_l⟩ of the residuals of camera channel k under the lights of primary c, of each
@@ -1371,17 +1407,18 @@ RigReport RigEstimation::report() const {
                     model_.photographs[static_cast<std::size_t>(jump_near_)].c_str());
     add("motion", false, std::max(jump_px_, max_shift_px), std::string(text) + ", too far to be corrected");
     report.findings.back().state = RigFinding::State::unusable;
-  } else if (path_.kind == CapturePath::Kind::rest) {
+  } else if (path_[shifts].kind == CapturePath::Kind::rest) {
     add("motion", false, 0.0, "the camera rested");
   } else {
+    const CapturePath& path = path_[shifts];
     Index at = 0;
-    const double amount = std::sqrt(path_.values.rowwise().squaredNorm().maxCoeff(&at));
-    const Eigen::RowVector2d largest = path_.values.row(at);
+    const double amount = std::sqrt(path.values.rowwise().squaredNorm().maxCoeff(&at));
+    const Eigen::RowVector2d largest = path.values.row(at);
     std::string how = "the camera moved from photograph to photograph";
-    if (path_.kind == CapturePath::Kind::line) how = "the camera moved steadily";
-    if (path_.kind == CapturePath::Kind::jumps) {
+    if (path.kind == CapturePath::Kind::line) how = "the camera moved steadily";
+    if (path.kind == CapturePath::Kind::jumps) {
       how = "the camera moved after";
-      for (const int j : path_.jumps) how += " " + model_.photographs[static_cast<std::size_t>(j - 1)];
+      for (const int j : path.jumps) how += " " + model_.photographs[static_cast<std::size_t>(j - 1)];
     }
     std::snprintf(text, sizeof text, ", the picture by up to %.2f pixels (%+.2f to the right, %+.2f down)",
                   amount, largest[0], largest[1]);
@@ -1390,18 +1427,20 @@ RigReport RigEstimation::report() const {
         how + text + (moved_back ? "" : "; moving photographs back would blur more than it corrects"));
     if (!moved_back) report.findings.back().state = RigFinding::State::suspicious;
   }
-  if (turn_.kind != CapturePath::Kind::rest) {
+  if (const CapturePath& turn = path_[turns]; turn.kind != CapturePath::Kind::rest) {
+    RigFinding& motion = report.findings.back();
     Index at = 0;
-    const double amount = std::sqrt(turn_.values.rowwise().squaredNorm().maxCoeff(&at));
+    const double amount = std::sqrt(turn.values.rowwise().squaredNorm().maxCoeff(&at));
     std::snprintf(
         text, sizeof text,
-        "%s the picture turned by %.2f degrees and grew by %.2f %%, up to %.2f pixels at its corners",
-        path_.kind == CapturePath::Kind::rest ? "" : (report.findings.back().measured + ";").c_str(),
-        turn_.values(at, 0) / centre_.norm() * 180.0 / std::numbers::pi,
-        100.0 * turn_.values(at, 1) / centre_.norm(), amount);
-    report.findings.back().measured = text;
-    report.findings.back().state = RigFinding::State::suspicious;
-    report.findings.back().amount = std::max(report.findings.back().amount, amount);
+        "%sthe picture turned by %.2f degrees and grew by %.2f %%, up to %.2f pixels at its corners",
+        motion.amount > 0.0 ? (motion.measured + "; ").c_str() : "",
+        turn.values(at, 0) / centre_.norm() * 180.0 / std::numbers::pi,
+        100.0 * turn.values(at, 1) / centre_.norm(), amount);
+    motion.measured = text;
+    motion.state = model_.turn.empty() ? RigFinding::State::suspicious : RigFinding::State::corrected;
+    motion.residual_after = relative(model_.turn.empty() ? before_ : after);
+    motion.amount = std::max(motion.amount, amount);
   }
   const Eigen::Matrix3d& m = model_.mixing;
   const double mixed = (m - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();

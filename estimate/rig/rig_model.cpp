@@ -14,14 +14,15 @@
 namespace refield {
 
 bool RigModel::is_identity() const {
-  return light_of.empty() && shift_px.empty() && gain.empty() && room.empty() && !mixes_colours() &&
-         !bends_tone();
+  return light_of.empty() && shift_px.empty() && turn.empty() && gain.empty() && room.empty() &&
+         !mixes_colours() && !bends_tone();
 }
 
 std::string rig_text(const RigModel& rig) {
   Json json = {{"photographs", rig.photographs}};
   if (!rig.light_of.empty()) json["light_of"] = rig.light_of;
   if (!rig.shift_px.empty()) json["shift_px"] = rig.shift_px;
+  if (!rig.turn.empty()) json["turn"] = rig.turn;
   if (rig.mixes_colours()) {
     auto rows = Json::array();
     for (int c = 0; c < 3; ++c) rows.push_back({rig.mixing(c, 0), rig.mixing(c, 1), rig.mixing(c, 2)});
@@ -51,6 +52,7 @@ RigModel rig_from_text(const std::string& text, const std::string& name) try {
   };
   read("light_of", rig.light_of);
   read("shift_px", rig.shift_px);
+  read("turn", rig.turn);
   read("gain", rig.gain);
   read("room", rig.room);
   rig.ambient_room = json.value("ambient_room", false);
@@ -105,8 +107,10 @@ void apply_rig(const RigModel& rig, const CaptureSession& session, std::vector<C
       if (frame.views) frame.views->light = light->second->views->light;
     }
     FrameCorrection correction;
+    correction.width_px = session.width;
     correction.height_px = session.height;
     if (!rig.shift_px.empty()) correction.shift_px = rig.shift_px[j];
+    if (!rig.turn.empty()) correction.turn = rig.turn[j];
     if (!rig.gain.empty()) std::ranges::copy(rig.gain[j], correction.gain.begin());
     if (!rig.room.empty()) correction.room = static_cast<float>(rig.room[j]);
     if (rig.ambient_room) correction.ambient = *session.ambient;
@@ -147,13 +151,16 @@ int offset_around(const RigModel& rig, const std::vector<KnownFrame>& known, std
   return std::ranges::max_element(votes, {}, [](const auto& vote) { return vote.second; })->first;
 }
 
-/// Linear between the nearest frames before and after, which are in the order of time.
-std::array<double, 2> shift_at(const RigModel& rig, const std::vector<KnownFrame>& known, double order) {
+/// Of values of the model, linear between the nearest frames before and after, which are in the order of
+/// time.
+std::array<double, 2> value_at(const std::vector<std::array<double, 2>>& values,
+                               const std::vector<KnownFrame>& known, double order) {
+  if (values.empty()) return {};
   const auto after = std::ranges::lower_bound(known, order, {}, &KnownFrame::order);
   const auto before = after == known.begin() ? after : after - 1;
-  const auto& first = rig.shift_px[before->photograph];
+  const auto& first = values[before->photograph];
   if (after == known.end() || after == before || after->order == before->order) return first;
-  const auto& last = rig.shift_px[after->photograph];
+  const auto& last = values[after->photograph];
   const double t = (order - before->order) / (after->order - before->order);
   return {first[0] + t * (last[0] - first[0]), first[1] + t * (last[1] - first[1])};
 }
@@ -186,8 +193,10 @@ void correct_held_out(const std::string& provenance, CaptureSession& session) {
     frame.illumination = before[static_cast<std::size_t>(light)].illumination;
     if (frame.views) frame.views->light = before[static_cast<std::size_t>(light)].views->light;
     FrameCorrection correction;
+    correction.width_px = session.width;
     correction.height_px = session.height;
-    if (!rig.shift_px.empty()) correction.shift_px = shift_at(rig, known, frame.order);
+    correction.shift_px = value_at(rig.shift_px, known, frame.order);
+    correction.turn = value_at(rig.turn, known, frame.order);
     std::ranges::copy(rig.tone, correction.tone.begin());
     correction.white = static_cast<float>(rig.white);
     frame.correction = std::make_shared<const FrameCorrection>(correction);

@@ -13,7 +13,8 @@
 namespace refield {
 
 /// What a rig does besides B = T L, the same for all pixels. Photograph j shows
-///   b_j(x + shift_j) = gain_j · mixing · (T tone(l_k) + room_j · room picture),  k = light_of[j].
+///   b_j(x + shift_j + turn_j (x − middle)) = gain_j · mixing · (T tone(l_k) + room_j · room picture),
+/// k = light_of[j].
 /// Vectors are [photographs] in the order of the session's training frames, or empty where nothing is to be
 /// corrected. `refield estimate --rig FILE` reads and OUTPUT.log.json contains a model as JSON with
 /// these names.
@@ -23,6 +24,8 @@ struct RigModel {
   std::vector<int> light_of;
   /// Of the picture against the first photograph's, to the right and down, pixels.
   std::vector<std::array<double, 2>> shift_px;
+  /// Rotation of the picture about its middle, clockwise, radians, and growth, against the first photograph.
+  std::vector<std::array<double, 2>> turn;
   /// Camera channel (row) per primary of the light (column); its diagonal is 1.
   Eigen::Matrix3d mixing = Eigen::Matrix3d::Identity();
   /// Emitted light of each channel: white · (light map / white)^tone.
@@ -50,9 +53,9 @@ RigModel read_rig(const std::filesystem::path& path);
 void apply_rig(const RigModel& rig, const CaptureSession& session, std::vector<CaptureFrame>& frames);
 
 /// Gives held-out frames of `session` (role test) what the rig model in a field's provenance says of their
-/// neighbours in time, so that they can be compared with the field: the light map, the shift (linear between
-/// neighbours) and the tone curve. Their gain and room light are not known. Frames whose light map is not
-/// there are removed. Changes nothing where the session does not hold the photographs of the model.
+/// neighbours in time, so that they can be compared with the field: the light map, shift and turn (linear
+/// between neighbours) and the tone curve. Their gain and room light are not known. Frames whose light map is
+/// not there are removed. Changes nothing where the session does not hold the photographs of the model.
 void correct_held_out(const std::string& provenance, CaptureSession& session);
 
 }  // namespace refield

@@ -284,8 +284,8 @@ class Field:
     @property
     def rig(self) -> dict[str, Any]:
         """What the photographs were corrected for, empty where nothing was found: "photographs" (names), "light_of" (number
-        of the light of each), "shift_px" (right, down), "mixing" (camera channel per primary), "tone" (exponents), "white",
-        "gain" (of each photograph and channel) and "room" (share of the mean photograph)."""
+        of the light of each), "shift_px" (right, down), "turn" (clockwise in radians, growth; about the middle), "mixing"
+        (camera channel per primary), "tone" (exponents), "white", "gain" (of each photograph and channel) and "room" (share of the mean photograph)."""
         return dict(self.provenance.get("rig", {}))
 
     @property

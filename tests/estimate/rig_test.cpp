@@ -219,18 +219,34 @@ TEST(Rig, ABumpIsAJumpWithItsPlace) {
   EXPECT_NE(finding(report, "motion").measured.find("moved after 24,"), std::string::npos);
 }
 
-TEST(Rig, RotationAndScaleAreToldAndNotCorrected) {
+TEST(Rig, RotationAndScaleAreFollowed) {
   for (const std::array<double, 2> last : {std::array{0.005, 0.0}, {0.0, -0.005}}) {
     WavyCapture capture(60);
     for (int j = 0; j < 60; ++j) capture.turn.push_back({last[0] * j / 59, last[1] * j / 59});
     const RigReport report = capture.report();
-    EXPECT_EQ(finding(report, "motion").state, RigFinding::State::suspicious);
-    EXPECT_TRUE(report.model.shift_px.empty());
+    EXPECT_EQ(finding(report, "motion").state, RigFinding::State::corrected);
     constexpr double corner_px = 40.0, max_error_px = 0.05;
     EXPECT_NEAR(finding(report, "motion").amount, corner_px * 0.005, max_error_px);
     EXPECT_THAT(finding(report, "motion").measured,
                 HasSubstr(last[0] > 0.0 ? "turned by 0.2" : "grew by -0.5"));
+    ASSERT_EQ(report.model.turn.size(), capture.turn.size());
+    for (std::size_t j = 0; j < 60; ++j)
+      for (int i = 0; i < 2; ++i)
+        EXPECT_NEAR(corner_px * report.model.turn[j][i], corner_px * capture.turn[j][i], max_error_px) << j;
   }
+}
+
+TEST(Rig, ATurnBesideAShiftIsFollowed) {
+  WavyCapture capture(60);
+  for (std::size_t j = 0; j < 60; ++j) {
+    capture.turn.push_back({j < 30 ? 0.0 : -0.008, 0.0});
+    if (j >= 30) capture.shift[j] = {0.3, -0.2};
+  }
+  const RigReport report = capture.report();
+  EXPECT_LT(shift_error(report, capture), max_shift_error_px);
+  ASSERT_EQ(report.model.turn.size(), capture.turn.size());
+  EXPECT_NEAR(report.model.turn[45][0], -0.008, 0.001);
+  EXPECT_NEAR(report.model.turn[45][1], 0.0, 0.001);
 }
 
 TEST(Rig, ACameraThatMovedTooFarIsToldAndNotCorrected) {
@@ -494,6 +510,7 @@ TEST(RigModel, TextGivesTheSameModel) {
   rig.photographs = {"a", "b"};
   rig.light_of = {1, -1};
   rig.shift_px = {{0.0, 0.0}, {0.1, -1.0 / 3.0}};
+  rig.turn = {{0.0, 0.0}, {0.001, -0.002}};
   rig.mixing(0, 1) = 0.1;
   rig.tone = {1.01, 1.0, 0.97};
   rig.white = 0.9;
@@ -530,6 +547,29 @@ TEST(RigModel, UndoesShiftGainAndMixingOfAParabola) {
   for (int y = 4; y < 7; ++y)
     for (int x = 2; x < 9; ++x)
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(undone.at(x, y - 4, c), truth(x, y, c), 1e-4);
+}
+
+TEST(RigModel, UndoesATurnOfAParabola) {
+  Image image(13, 11, 3);
+  FrameCorrection correction;
+  correction.width_px = image.width;
+  correction.height_px = image.height;
+  correction.shift_px = {0.3, -0.2};
+  correction.turn = {0.05, -0.03};
+  const auto truth = [](double x, double y) {
+    return static_cast<float>(1.0 + 0.1 * x * y + 0.02 * x * x - 0.03 * y * y);
+  };
+  Eigen::Matrix2d turned;  // of places from the middle, (6, 5)
+  turned << 1.0 + correction.turn[1], -correction.turn[0], correction.turn[0], 1.0 + correction.turn[1];
+  for (int y = 0; y < 11; ++y)
+    for (int x = 0; x < 13; ++x) {
+      const Eigen::Vector2d at = turned.inverse() * Eigen::Vector2d(x - 6 - 0.3, y - 5 + 0.2);
+      for (int c = 0; c < 3; ++c) image.at(x, y, c) = truth(at[0] + 6, at[1] + 5);
+    }
+  ASSERT_LE(rig_margin(&correction), 5);
+  const Image undone = undo_rig(image, {}, 0, 4, 7, correction);
+  for (int y = 4; y < 7; ++y)
+    for (int x = 2; x < 11; ++x) EXPECT_NEAR(undone.at(x, y - 4, 1), truth(x, y), 1e-4) << x << " " << y;
 }
 
 TEST(RigModel, AClippedSampleTakesAlongOnlyWhatConsistsOfIt) {
@@ -581,6 +621,7 @@ struct HeldOutCapture {
       if (frame.role == FrameRole::test) continue;
       rig.photographs.push_back(frame.name);
       rig.shift_px.push_back({0.1 * j, 0.0});
+      rig.turn.push_back({0.0, 0.01 * j});
     }
   }
   void correct() { correct_held_out("{\"rig\":" + rig_text(rig) + "}", session); }
@@ -597,6 +638,7 @@ TEST(RigModel, HeldOutPhotographsTakeWhatTheirNeighboursHave) {
   const auto correction = capture.session.frames[4].correction;
   ASSERT_TRUE(correction);
   EXPECT_NEAR(correction->shift_px[0], 0.4, 1e-9);
+  EXPECT_NEAR(correction->turn[1], 0.04, 1e-9);
   EXPECT_NEAR(capture.session.frames[9].correction->shift_px[0], 0.8, 1e-9) << "as the last one known";
   EXPECT_FLOAT_EQ(correction->tone[0], 1.05f);
   EXPECT_EQ(correction->gain[0], 1.0f) << "not known";
