@@ -7,6 +7,11 @@
 
 namespace refield {
 
+/// Squared error under a training light that is left out, from that of cross-validation in five folds, whose
+/// fits have a fifth fewer images. What a field misses beyond the photographs' `noise` is taken to fall with
+/// the images to the power 1.5, squared: from 15 to 24 of 30 photographs of the tabletop 1.55 to 1.67.
+double error_of_all_images(double cross_validated, double noise);
+
 /// Whether the field's predicted errors follow the light: by its LightErrorModel, or between single light
 /// sources (predict_errors_between()).
 bool knows_light_error(const FieldOutline& field);

@@ -11,6 +11,7 @@
 #include <numeric>
 #include <vector>
 
+#include "core/field/light_error.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
 
@@ -84,12 +85,11 @@ constexpr double spread_steps = 1.5;
 constexpr int reach_steps = 3;
 /// Spread of the logarithm of the squared leave-one-out error: e^0.7, a factor of two of the error.
 constexpr double spread_log_error = 1.4;
-/// Part of the way from leave-one-out to cross-validation.
-constexpr double share_of_cross_validation = 0.5;
-/// Light with few degrees of freedom (docs/method/progressive.md): rectangles that leave 16 times less
-/// squared error than the regression expects are the right ones, and cross-validation, whose fewer lights may
-/// not tell them, does not count. Where it finds max_ratio times the squared error, nothing is predicted.
-constexpr double far_beyond = 16.0, max_ratio = 9.0;
+/// Light with few degrees of freedom (docs/method/progressive.md): part of the way from leave-one-out to
+/// cross-validation. Rectangles that leave 16 times less squared error than the regression expects are the
+/// right ones, and cross-validation, whose fewer lights may not tell them, does not count. Where it finds
+/// max_ratio times the squared error, nothing is predicted.
+constexpr double share_of_cross_validation = 0.5, far_beyond = 16.0, max_ratio = 9.0;
 /// Noise is sought in this quantile of the leave-one-out errors, which by chance are that many standard
 /// deviations lower there.
 constexpr double best_share = 0.05, best_deviations = 1.645;
@@ -315,6 +315,11 @@ std::vector<double> LightErrorModel::variances_under(const Image& radiance) cons
   return total;
 }
 
+double error_of_all_images(double cross_validated, double noise) {
+  const double part = std::pow(0.8, 1.5);
+  return cross_validated - (1.0 - part) * std::max(cross_validated - noise, 0.0);
+}
+
 void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence) {
   FieldQuality& quality = field.quality;
   quality.predicted_error.assign(evidence.size(), 0.0f);
@@ -334,11 +339,14 @@ void predict_errors(FieldOutline& field, std::span<const ErrorEvidence> evidence
       const double steadied = prediction.steadied(x, y), ratio = prediction.ratio(x, y);
       const double expected = evidence[p].expected;  // NaN of light with many degrees of freedom
       if (expected > 0.0 && ratio > max_ratio) continue;
-      const bool rectangles_alone = expected >= far_beyond * steadied;
-      const double excess = rectangles_alone ? 0.0 : steadied * (ratio - 1.0);  // of cross-validation
-      double predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
       const double noise = photographs.of(evidence[p], has_signal ? signal[p] : 1.0f);
       if (has_noise_classes) quality.light_class[p] = light_class_of(noise);
+      double predicted = std::max(error_of_all_images(steadied * ratio, noise), steadied);
+      if (expected > 0.0) {
+        const bool rectangles_alone = expected >= far_beyond * steadied;
+        const double excess = rectangles_alone ? 0.0 : steadied * (ratio - 1.0);  // of cross-validation
+        predicted = std::max(steadied + share_of_cross_validation * excess, 0.0);
+      }
       double misfit = std::max(predicted - noise, 0.0);
       if (expected < far_beyond * steadied) {
         misfit = expected;

@@ -123,8 +123,8 @@ class CrossValidationLattice {
 ///
 /// Every pixel's leave-one-out error is steadied by the median of its 3 × 3 neighbours (geometric mean of the
 /// two) and corrected by the ratio of cross-validated to leave-one-out error found on lattice pixels that are
-/// near in place and error. Cross-validation is in turn too high, since it estimates from a fifth fewer
-/// images; the prediction is the mean of the two squares, which measurements on two captures bear out
+/// near in place and error. The prediction is error_of_all_images() of that, or the leave-one-out error where
+/// it is larger; for light with few degrees of freedom the mean of the two squares
 /// (docs/method/progressive.md). Noise is what the photographs state, but at most what the pixels that are
 /// fitted best leave: among many, some have next to no other error. Where they state none, it is what the
 /// best pixels of equal brightness leave. Runs on all cores; the result does not depend on their number.

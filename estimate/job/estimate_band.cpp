@@ -297,8 +297,8 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
       };
       const float left_out = pixel.evidence.leave_one_out;
       pixel.evidence.cross_validated = pixel.is_on_cells ? left_out : relative(validated[i]);
-      // predict_errors() goes half the way.
-      if (share > 0.5)
+      // predict_errors() goes half the way under light with few degrees of freedom.
+      if (input_.texels && share > 0.5)
         pixel.evidence.cross_validated =
             static_cast<float>(std::lerp(left_out, pixel.evidence.cross_validated, 2.0 * share));
       if (half.empty()) continue;

@@ -11,6 +11,7 @@
 
 #include "core/base/errors.h"
 #include "core/base/run_context.h"
+#include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/job/estimate_band.h"
@@ -144,8 +145,11 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
       if (!(squared > 0.0)) continue;
       masked.assign(block[i], table.stride(), images());
       const double left_out = worker->evaluator.leave_one_out(fitted[i], cache, masked, residuals.data());
-      predicted[b * block_size + i] =
-          static_cast<float>(std::sqrt(std::lerp(left_out, validated[i], share) / squared));
+      const double noise2 = noise2_[b * block_size + i];
+      predicted[b * block_size + i] = static_cast<float>(
+          std::sqrt((noise2 > 0.0 ? std::max(error_of_all_images(validated[i], noise2), left_out)
+                                  : std::lerp(left_out, validated[i], share)) /
+                    squared));
       noise[b * block_size + i] = static_cast<float>(std::sqrt(noise2_[b * block_size + i] / squared));
       kernels[b * block_size + i] = fitted[i];
     }

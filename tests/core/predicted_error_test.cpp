@@ -46,8 +46,16 @@ Predicted field_with(Ratio ratio, float noise = std::numeric_limits<float>::quie
   return predicted;
 }
 
-TEST(PredictedError, LiesBetweenLeaveOneOutAndCrossValidation) {
-  const auto predicted = field_with([](int) { return 4.0; });
+TEST(PredictedError, IsThatOfCrossValidationWithAFifthMoreImages) {
+  const auto predicted = field_with([](int) { return 4.0; }, 0.25f * leave_one_out);
+  for (const float error : predicted.quality().predicted_error)
+    EXPECT_NEAR(error, std::sqrt(leave_one_out * (0.25 + std::pow(0.8, 1.5) * 3.75)), rounding);
+}
+
+TEST(PredictedError, IsHalfTheWayUnderLightWithFewDegreesOfFreedom) {
+  auto predicted = field_with([](int) { return 4.0; });
+  for (ErrorEvidence& pixel : predicted.evidence) pixel.expected = 1e-5f;
+  predicted.predict();
   for (const float error : predicted.quality().predicted_error)
     EXPECT_NEAR(error, std::sqrt(leave_one_out * (1.0 + 4.0) / 2.0), rounding);
 }
@@ -55,7 +63,8 @@ TEST(PredictedError, LiesBetweenLeaveOneOutAndCrossValidation) {
 TEST(PredictedError, CorrectsWhereTheLatticeSaysSo) {
   const auto predicted = field_with([](int x) { return x < 180 ? 1.0 : 9.0; });
   EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 5], 0.01, 2e-4);
-  EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 355], std::sqrt(5e-4), 2e-4);
+  EXPECT_NEAR(predicted.quality().predicted_error[15 * 360 + 355],
+              std::sqrt(1e-4 + std::pow(0.8, 1.5) * 8e-4), 2e-4);
 }
 
 TEST(PredictedError, TheRegressionCountsUnlessImagesShowFarLess) {
@@ -129,7 +138,8 @@ TEST(PredictedError, PixelsOutsideTheMaskStayEmpty) {
   for (int x = 0; x < 360; ++x) predicted.evidence[7 * 360 + x] = {};
   predicted.predict();
   EXPECT_EQ(predicted.quality().predicted_error[7 * 360 + 50], 0.0f);
-  EXPECT_NEAR(predicted.quality().predicted_error[8 * 360 + 50], std::sqrt(1.5e-4), rounding);
+  EXPECT_NEAR(predicted.quality().predicted_error[8 * 360 + 50], std::sqrt(1e-4 + std::pow(0.8, 1.5) * 1e-4),
+              rounding);
 }
 
 TEST(PredictedError, LearningCurveTakesMiddleErrorsOfManyPixels) {
