@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# usage: guided.sh BUILD genicam|DRIVER [TABLE.csv]
+# usage: guided.sh BUILD genicam|DRIVER [TABLE.csv|quick]
 # The guided capture (tests/cli/guided_capture.py) with a GenICam camera, or a DSLR whose driver virtual_dslr.sh printed, and
 # a window on a screen without a monitor (Xvfb), which guided_lab lets the camera see. With TABLE.csv no guided capture runs:
-# the table gets the time that a pattern takes (capture_time.sh).
+# the table gets the time that a pattern takes (capture_time.sh); `quick` takes a quick
+# capture (quick_capture.sh).
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$(realpath "$1") kind=dslr table=${3:-}
@@ -43,7 +44,10 @@ read -r _ <"$share/ready" || { cat "$share/log" >&2; exit 1; }
 export HOME=$share LIBGL_ALWAYS_SOFTWARE=1
 export DISPLAY=:$display
 if [[ $kind == dslr ]]; then export LD_PRELOAD=$build/tests/devices/libguided_dslr.so; fi
-if [[ -n $table ]]; then
+if [[ $table == quick ]]; then
+  "$here/quick_capture.sh" "$build/cli/refield" "$share" "$kind"
+  exit
+elif [[ -n $table ]]; then
   "$here/capture_time.sh" "$build/cli/refield" "$share" "$kind" "$table"
   exit
 fi
