@@ -227,6 +227,29 @@ PromisedImage promised_by(const Imf::Header& header, const std::filesystem::path
   return promised;
 }
 
+/// OpenEXR reserves the memory that an attribute states before it reads it: what exceeds the file is refused
+/// first.
+void require_possible_attributes(FileBytes& file, std::uint64_t at, const std::filesystem::path& path) {
+  constexpr std::uint64_t longest_name = 255;
+  const auto next_text = [&] {
+    std::string text = file.text(at, longest_name + 1);
+    text.resize(std::min(text.find('\0'), text.size()));
+    at += text.size() + 1;
+    return text;
+  };
+  for (std::string name = next_text(); !name.empty(); name = next_text()) {
+    const std::string type = next_text();
+    const std::uint64_t size = file.number(at, 4, false);
+    at += 4;
+    const bool is_preview = type == "preview";
+    const std::uint64_t pixels = is_preview ? file.number(at, 4, false) * file.number(at + 4, 4, false) : 0;
+    if (at > file.size() || size > file.size() - at || (is_preview && size != 8 + 4 * pixels))
+      throw FormatError(
+          path, "has an attribute '" + name + "' of impossible size; the file is damaged or truncated");
+    at += size;
+  }
+}
+
 }  // namespace
 
 std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path) {
@@ -238,8 +261,10 @@ std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path) {
     if (Imf::getVersion(version) != Imf::EXR_VERSION)
       throw FormatError(path, "is of an unknown version of OpenEXR; the file is damaged or truncated");
     if (Imf::isNonImage(version)) throw FormatError(path, deep_text);
+    FileBytes bytes(path);
     std::vector<PromisedImage> parts;
     for (;;) {
+      require_possible_attributes(bytes, file.tellg(), path);
       Imf::Header header;
       header.readFrom(file, version);
       if (header.readsNothing()) return parts;
