@@ -183,12 +183,10 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const auto provenance = json_if_valid(field.provenance);
   const std::set<std::string> trained = names_in(provenance, "frames"),
                               lights = names_in(provenance, "lights");
-  const auto is_trained = [&](CaptureFrame frame) {
-    frame.correction.reset();
+  const auto is_trained = [&](const CaptureFrame& frame) {
     if (trained.contains(frame.name)) return true;
     if (lights.empty()) return false;
-    const std::string pattern =
-        pattern_of(read_illumination(frame, session.light.parameterisation, run).radiance);
+    const std::string pattern = pattern_of(frame, session.light.parameterisation, run);
     return std::ranges::any_of(lights, [&](const auto& light) { return is_same_pattern(light, pattern); });
   };
   const bool is_exact = provenance.is_object() && provenance.contains("program");  // simulated, not estimated

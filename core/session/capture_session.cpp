@@ -16,7 +16,9 @@
 
 #include "core/base/config_file.h"
 #include "core/base/files.h"
+#include "core/image/image_header.h"
 #include "core/image/image_io.h"
+#include "core/light/light_pattern.h"
 
 namespace refield {
 
@@ -357,6 +359,12 @@ LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameter
 std::array<double, 2> FrameCorrection::displacement(int x, int y) const {
   const double u = x - 0.5 * (width_px - 1), v = y - 0.5 * (height_px - 1);
   return {shift_px[0] + turn[1] * u - turn[0] * v, shift_px[1] + turn[0] * u + turn[1] * v};
+}
+
+std::string pattern_of(CaptureFrame frame, Parameterisation parameterisation, const RunContext& run) {
+  frame.correction.reset();
+  return pattern_of(read_illumination(frame, parameterisation, run).radiance,
+                    !frame.views && image_format(frame.illumination) == ImageFormat::jpeg);
 }
 
 int rig_margin(const FrameCorrection* correction) {

@@ -120,6 +120,8 @@ void check_image_sizes(CaptureSession& session);
 /// read_light_map() throws.
 LightMap read_illumination(const CaptureFrame& frame, Parameterisation parameterisation,
                            const RunContext& run);
+/// pattern_of() the light map without the correction.
+std::string pattern_of(CaptureFrame frame, Parameterisation parameterisation, const RunContext& run);
 
 /// Reads a frame's photograph, or its rows [first, last), and applies the frame's colour matrix and gain to
 /// radiance and sigma. With a matrix, a pixel that was not measured in one channel counts as not measured.

@@ -15,7 +15,6 @@
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/run_context.h"
-#include "core/light/light_pattern.h"
 
 namespace refield {
 
@@ -109,9 +108,7 @@ void note_patterns(EstimateJob& job, const RunContext& run) {
   std::vector<std::string> patterns(job.frames.size());
   tbb::parallel_for(std::size_t{0}, patterns.size(), [&](std::size_t j) {
     run.throw_if_stopped();
-    CaptureFrame frame = job.frames[j];
-    frame.correction.reset();
-    patterns[j] = pattern_of(read_illumination(frame, job.session.light.parameterisation, run).radiance);
+    patterns[j] = pattern_of(job.frames[j], job.session.light.parameterisation, run);
   });
   for (std::size_t j = 0; j < patterns.size(); ++j) job.light_patterns[job.frames[j].name] = patterns[j];
 }

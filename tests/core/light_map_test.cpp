@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>
@@ -63,6 +64,52 @@ TEST(LightPattern, SurvivesRoundingAndAnyBrightness) {
     }
     EXPECT_TRUE(is_same_pattern(pattern_of(light), pattern_of(rounded))) << i;
   }
+}
+
+/// As JPEG with one colour for 2×2 texels stores it.
+Image with_coarse_colour(const Image& light) {
+  Image encoded = light;
+  for (float& value : encoded.values) value = srgb_from_linear(value);
+  Image decoded = light;
+  for (int y = 0; y < light.height; ++y)
+    for (int x = 0; x < light.width; ++x) {
+      const auto luma = [&](int column, int row) {
+        return 0.299f * encoded.at(column, row, 0) + 0.587f * encoded.at(column, row, 1) +
+               0.114f * encoded.at(column, row, 2);
+      };
+      for (int c = 0; c < 3; ++c) {
+        float difference = 0.0f;
+        for (int k = 0; k < 4; ++k) {
+          const int column = x / 2 * 2 + k % 2, row = y / 2 * 2 + k / 2;
+          difference += (encoded.at(column, row, c) - luma(column, row)) / 4.0f;
+        }
+        decoded.at(x, y, c) = linear_from_srgb(std::clamp(luma(x, y) + difference, 0.0f, 1.0f));
+      }
+    }
+  return decoded;
+}
+
+TEST(LightPattern, OfJpegFilesIsRecognisedByLuma) {
+  Rng rng(5);
+  std::vector<std::string> lights, copies, copies_as_png;
+  for (int i = 0; i < 60; ++i) {
+    Image light(24, 18, 3);
+    const int side = 1 + i % 4;  // of saturated blocks
+    std::vector<float> blocks(24 * 18 * 3);
+    for (float& value : blocks) value = rng.uniform() < 0.5 ? 0.0f : 1.0f;
+    for (std::size_t k = 0; k < light.values.size(); ++k) {
+      const int column = static_cast<int>(k / 3) % 24, row = static_cast<int>(k / 3) / 24;
+      light.values[k] = blocks[(row / side * 24 + column / side) * 3 + k % 3];
+    }
+    lights.push_back(pattern_of(light));
+    copies.push_back(pattern_of(with_coarse_colour(light), true));
+    copies_as_png.push_back(pattern_of(with_coarse_colour(light)));
+  }
+  for (std::size_t i = 0; i < lights.size(); ++i)
+    for (std::size_t j = 0; j < lights.size(); ++j) {
+      EXPECT_EQ(is_same_pattern(lights[i], copies[j]), i == j) << i << ' ' << j;
+      EXPECT_EQ(is_same_pattern(copies_as_png[i], copies[j]), i == j) << i << ' ' << j;
+    }
 }
 
 TEST(LatLong, DirectionsThatTheDocumentationNames) {

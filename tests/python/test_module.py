@@ -243,6 +243,26 @@ def test_session_and_comparison(program, session, field, tmp_path):
         session[99]
 
 
+def test_jpeg_copies_of_training_lights_are_recognised(arrays, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    random = np.random.default_rng(2)
+    lights = np.repeat(np.repeat(random.integers(0, 2, (24, 6, 8, 3)), 2, 1), 2, 2).astype(np.float32)
+    for name in ("exr", "jpg", "photographs"):
+        (tmp_path / name).mkdir()
+    for j, light in enumerate(lights):
+        refield.write_exr(tmp_path / f"exr/{j:02}.exr", light)
+        image.fromarray(np.uint8(255 * light)).save(tmp_path / f"jpg/copy{j:02}.jpg", quality=90, subsampling=2)
+        refield.write_exr(tmp_path / f"photographs/{j:02}.exr", arrays[1][j])
+
+    def pairs(kind, chosen):
+        return refield.Session.pairs(sorted((tmp_path / kind).iterdir())[chosen], sorted((tmp_path / "photographs").iterdir())[chosen])
+
+    for trained, compared in (("exr", "jpg"), ("jpg", "exr")):
+        field = refield.estimate(pairs(trained, slice(0, 16)), mode="fast", rig="off", predict_errors=False)
+        both = pairs(compared, slice(8, 24)).held_out(2)
+        assert refield.compare(field, both)[0].trained_on == 4 and len(both.test) == 8
+
+
 def test_errors_have_the_text_of_the_command_line(session, arrays, field, tmp_path):
     light, observed = arrays
     with pytest.raises(ValueError, match="39 photographs"):
