@@ -27,8 +27,7 @@ void add_letter(std::string& letters, double value) {
 
 struct Contrast {
   Eigen::Array3d mean = Eigen::Array3d::Zero();
-  double energy = 0.0, ground = 0.0;  ///< of what differs from the mean, of the mean
-
+  double energy = 0.0, ground = 0.0;                          ///< of what differs from the mean, of the mean
   bool is_visible() const { return energy > 1e-5 * ground; }  // of less, 8 bits show nothing
 };
 
@@ -74,27 +73,24 @@ std::ptrdiff_t level_of(char letter) {
 std::string pattern_of(const Image& radiance, bool is_jpeg) {
   std::string letters;
   const Contrast contrast = add_sketch(letters, radiance);
-  const auto& [mean, energy, ground] = contrast;
-  for (const double value : mean)
-    add_letter(letters,
-               ground > 0.0 ? value / std::sqrt(ground / static_cast<double>(radiance.pixel_count())) : 0.0);
-  add_letter(letters, contrast.is_visible() ? std::sqrt(energy / (energy + ground)) : 0.0);
+  const double mean = contrast.mean.matrix().norm(), all = contrast.energy + contrast.ground;
+  for (const double value : contrast.mean) add_letter(letters, mean > 0.0 ? value / mean : 0.0);
+  add_letter(letters, contrast.is_visible() ? std::sqrt(contrast.energy / all) : 0.0);
   const Contrast of_luma = add_sketch(letters, encoded_luma(radiance));
   return letters + (is_jpeg && of_luma.is_visible() ? 'J' : '-');
 }
 
 bool is_same_pattern(std::string_view a, std::string_view b) {
-  const auto are_near = [&](std::size_t first, std::size_t last, std::ptrdiff_t most) {
-    for (std::size_t i = first; i < last; ++i)
-      if (std::abs(level_of(a[i]) - level_of(b[i])) > most) return false;
-    return true;
+  const auto are_near = [&](std::size_t first, std::size_t count, std::ptrdiff_t most) {
+    return std::ranges::equal(a.substr(first, count), b.substr(first, count),
+                              [&](char x, char y) { return std::abs(level_of(x) - level_of(y)) <= most; });
   };
   if (std::min(a.size(), b.size()) < colour_letters) return false;
   if (are_near(0, colour_letters, 1)) return true;
   constexpr std::size_t end = colour_letters + parts * places;
   if (std::min(a.size(), b.size()) <= end || (a[end] != 'J' && b[end] != 'J')) return false;
   // Saturated blocks of 1 to 8 texels at JPEG qualities from 60 on: up to 0.13 and 0.10.
-  if (!are_near(parts * places, colour_letters, 6)) return false;
+  if (!are_near(parts * places, 4, 6)) return false;
   constexpr double most = 0.3 * 31.5;  // up to 0.25 from quality 75 on; of other lights from 0.7
   double squared = 0.0;
   for (std::size_t i = colour_letters; i < end; ++i)
