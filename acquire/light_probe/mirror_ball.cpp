@@ -10,6 +10,7 @@
 #include <string>
 
 #include "core/base/linear_algebra.h"
+#include "core/base/rng.h"
 #include "core/base/units.h"
 
 namespace refield {
@@ -139,6 +140,69 @@ cv::Mat1b eight_bits(const cv::Mat1f& image) {
   return result;
 }
 
+/// Edge pixels that are the first from one of the four sides: before a plain background, the silhouette.
+std::vector<Eigen::Vector2d> silhouette(const cv::Mat1b& bytes) {
+  cv::Mat1b edges;
+  cv::Canny(bytes, edges, 20.0, 50.0);
+  std::vector<Eigen::Vector2d> points;
+  const auto first = [&](int length, const auto& at, const auto& point) {
+    for (int i = 2; i + 2 < length; ++i)
+      if (at(i)) {
+        points.push_back(point(i));
+        return;
+      }
+  };
+  const int w = edges.cols, h = edges.rows;
+  for (int y = 0; y < h; ++y) {
+    first(
+        w, [&](int i) { return edges(y, i); }, [&](int i) { return Eigen::Vector2d(i + 0.5, y + 0.5); });
+    first(
+        w, [&](int i) { return edges(y, w - 1 - i); },
+        [&](int i) { return Eigen::Vector2d(w - i - 0.5, y + 0.5); });
+  }
+  for (int x = 0; x < w; ++x) {
+    first(
+        h, [&](int i) { return edges(i, x); }, [&](int i) { return Eigen::Vector2d(x + 0.5, i + 0.5); });
+    first(
+        h, [&](int i) { return edges(h - 1 - i, x); },
+        [&](int i) { return Eigen::Vector2d(x + 0.5, h - i - 0.5); });
+  }
+  return points;
+}
+
+/// The circle through three points; a radius of 0 when they lie on a line.
+ImageCircle circle_through(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
+  const Eigen::Vector2d u = b - a, v = c - a;
+  const double determinant = 2.0 * (u.x() * v.y() - u.y() * v.x());
+  if (std::abs(determinant) < 1e-6) return {};
+  const Eigen::Vector2d centre((v.y() * u.squaredNorm() - u.y() * v.squaredNorm()) / determinant,
+                               (u.x() * v.squaredNorm() - v.x() * u.squaredNorm()) / determinant);
+  return {a + centre, centre.norm()};
+}
+
+/// The circle on which most of the silhouette lies, by random triples (RANSAC).
+std::optional<ImageCircle> silhouette_circle(const cv::Mat1b& bytes) {
+  const auto points = silhouette(bytes);
+  if (points.size() < 30) return std::nullopt;
+  Rng random(1);
+  ImageCircle best;
+  std::ptrdiff_t most = 0;
+  for (int trial = 0; trial < 600; ++trial) {
+    const auto pick = [&] { return points[random.below(static_cast<std::uint32_t>(points.size()))]; };
+    const ImageCircle circle = circle_through(pick(), pick(), pick());
+    if (circle.radius < 8.0 || circle.radius > std::max(bytes.cols, bytes.rows)) continue;
+    const auto inliers = std::ranges::count_if(points, [&](const auto& p) {
+      return std::abs((p - circle.centre).norm() - circle.radius) < std::max(1.5, 0.01 * circle.radius);
+    });
+    if (inliers > most) {
+      most = inliers;
+      best = circle;
+    }
+  }
+  if (most < 30) return std::nullopt;
+  return best;
+}
+
 /// Circles at the photograph's scale.
 std::vector<ImageCircle> propose_circles(const cv::Mat1f& log_image) {
   const double scale =
@@ -149,6 +213,8 @@ std::vector<ImageCircle> propose_circles(const cv::Mat1f& log_image) {
   cv::GaussianBlur(bytes, bytes, {}, 1.5);
   const int side = std::max(bytes.cols, bytes.rows);
   std::vector<ImageCircle> circles;
+  if (const auto circle = silhouette_circle(bytes))
+    circles.push_back({circle->centre / scale, circle->radius / scale});
   // From strict to lenient: what a strict search finds is refined first.
   for (const double roundness : {0.8, 0.5, 0.2}) {
     std::vector<cv::Vec3f> found;
