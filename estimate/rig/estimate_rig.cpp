@@ -228,10 +228,12 @@ constexpr double clear_motion_gain = 0.1;
 /// errors for gains of 9 %.
 constexpr double max_residual_of_tone = 0.1, max_residual_of_gains = 0.08;
 constexpr int min_lights_for_gains = 60;
-/// That pixels have constants: room light of 1 % shows about 0, of 2 % 1.7, undisturbed captures -7 to -2.
-/// Designed patterns, all of one mean brightness, show -1.3 where the room light changes by 5 %, and a mean
-/// of the wrong sign.
-constexpr double min_room_agreement = -0.5;
+/// That pixels have constants, once the changes of the room light are undone: room light of 2.5 % shows 7.6
+/// then, undisturbed captures -7 to -2. Designed patterns, all of one mean brightness, show -3.9 to -0.6, and
+/// a mean of any sign.
+constexpr double min_room_agreement = 1.0;
+/// Below, pixels have none: natural light without room light shows -6.5 and -5.6.
+constexpr double no_room_agreement = -4.5;
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
 /// Photographs of cycles-b and the tabletop of 128x96 pixels and more, moved back by .3 to .9 pixels, gain 10
@@ -353,7 +355,7 @@ class RigEstimation {
   bool estimate_brightness();
   struct Brightness;
   Brightness solve_brightness(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const;
-  double mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const;
+  double mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene, double least) const;
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
@@ -1297,12 +1299,13 @@ bool RigEstimation::estimate_brightness() {
   }
   const double change = std::sqrt(room(chosen_).squaredNorm() / static_cast<double>(images_));
   const bool changes = change > min_room_change && start - criterion_of(dark) > min_room_gain;
-  const double mean_room = mean_room_light(y, scene);
+  if (changes) y = dark;
+  const double least_room = changes && !has_ambient_ ? -room(chosen_).minCoeff() : 0.0;
+  const double mean_room = mean_room_light(y, scene, least_room);
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j)
       model_.room.push_back(room_scale_ * (mean_room + (changes ? room[j] : 0.0)));
   if (model_.room.empty()) model_.ambient_room = false;
-  if (changes) y = dark;
   // Gains: of all channels, and what each channel has besides.
   const auto corrected = [&](const MatrixXd& gains) {
     std::array<MatrixXf, 3> result = y;
@@ -1374,8 +1377,10 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
   return gains;
 }
 
-/// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants.
-double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) const {
+/// Room light that all photographs have, as a share of the scene; 0 where pixels have no constants. At least
+/// `least`, so that no photograph shows less than none, where patterns of one brightness do not tell it.
+double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene,
+                                      double least) const {
   double product = 0.0, power = 0.0;
   std::array<MatrixXf, 3> without, with;
   for (int c = 0; c < 3; ++c) {
@@ -1389,7 +1394,8 @@ double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Ro
   }
   const double mean = power > 0.0 ? product / power : 0.0;
   const double agrees = agreement(without, with);
-  return std::abs(mean) > min_room && agrees > min_room_agreement ? mean : 0.0;
+  if (std::abs(mean) > min_room && agrees > min_room_agreement) return std::max(mean, least);
+  return agrees > no_room_agreement ? least : 0.0;
 }
 
 RigReport RigEstimation::report() const {
