@@ -83,7 +83,7 @@ TEST_F(HostileImage, ExrWithImpossibleAttributes) {
   EXPECT_THAT(error_of(bytes), HasSubstr("'channels' of impossible size"));
   // Memory that the library would reserve before it reads: of a text, and of a small picture larger than its
   // bytes.
-  const auto preceded_by = [](const std::string& name_and_type, std::vector<std::int32_t> values) {
+  const auto preceded_by = [this](const std::string& name_and_type, std::vector<std::int32_t> values) {
     std::string exr = small_exr();
     exr.insert(8, name_and_type + std::string(4 * values.size(), '\0'));
     std::memcpy(exr.data() + 8 + name_and_type.size(), values.data(), 4 * values.size());

@@ -47,7 +47,8 @@ GlossyError glossy_error(Similarity similarity, double epsilon) {
     error.diffuse += share * error_of(outputs, exact[l], [&](std::size_t i) { return !is_glossy(i); });
   }
   std::printf("%s, epsilon %g: error of highlights %.3f, of diffuse pixels %.3f, %.0f entries per pixel\n",
-              name_of(similarity).data(), epsilon, error.glossy, error.diffuse,
+              similarity == Similarity::group ? "groups" : "all outputs", epsilon, error.glossy,
+              error.diffuse,
               static_cast<double>(statistics.entries) / static_cast<double>(layout.place_of_pixel.size()));
   return error;
 }
