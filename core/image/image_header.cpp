@@ -13,7 +13,10 @@ namespace refield {
 
 namespace fs = std::filesystem;
 
-FileBytes::FileBytes(const fs::path& path) : file_(path, std::ios::binary), size_(fs::file_size(path)) {}
+FileBytes::FileBytes(const fs::path& path) : size_(fs::file_size(path)) {
+  file_.rdbuf()->pubsetbuf(nullptr, 0);  // each place would fill the buffer anew
+  file_.open(path, std::ios::binary);
+}
 
 std::string FileBytes::text(std::uint64_t at, std::uint64_t count) {
   std::string bytes(at < size_ ? std::min(count, size_ - at) : 0, '\0');
