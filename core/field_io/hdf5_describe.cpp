@@ -3,6 +3,8 @@
 #include "core/field_io/hdf5_id.h"
 #include "core/field_io/hdf5_reader.h"
 
+#include <hdf5.h>
+
 #include <array>
 #include <cstring>
 #include <filesystem>
@@ -11,6 +13,10 @@
 #include <utility>
 
 namespace refield {
+
+Hdf5Id::~Hdf5Id() {
+  if (valid()) H5Idec_ref(id_);
+}
 
 namespace {
 

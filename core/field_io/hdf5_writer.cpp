@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/hdf5_writer.h"
 
+#include <hdf5.h>
 #include <zlib.h>
 
 #include <algorithm>

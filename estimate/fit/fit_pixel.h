@@ -46,8 +46,8 @@ struct MaskedSamples {
 };
 
 /// Whether a rectangle shone in measured samples of a channel: `measured` is the squared sum over these of
-/// its `column`. In the dark a column is the rounding of the table's sums, and a weight would be noise divided
-/// by that: 1e11, of mirrors that clip whenever the rectangle shines. It gets none.
+/// its `column`. In the dark a column is the rounding of the table's sums, and a weight would be noise
+/// divided by that: 1e11, of mirrors that clip whenever the rectangle shines. It gets none.
 bool is_seen(float measured, const float* column, std::size_t stride);
 
 /// How PixelFitter fits one pixel, in double precision.
