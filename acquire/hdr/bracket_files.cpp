@@ -149,7 +149,7 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   const libraw_colordata_t& colour = raw.imgdata.color;
   const std::size_t channels = frame.samples.size() / (static_cast<std::size_t>(frame.width) * frame.height);
   const bool has_colours = raw.imgdata.idata.filters != 0;
-  const auto& [of_columns, of_rows] = tags.black_deltas;
+  const auto &of_columns = tags.black_deltas[0], &of_rows = tags.black_deltas[1];
   if (tags.has_unknown_delta)
     throw FormatError(
         path, "states black levels (BlackLevelDelta) of an unknown type; develop it to a linear 16-bit TIFF");
@@ -283,7 +283,7 @@ ImageFacts facts_of_photograph(const fs::path& path) {
 /// One channel of `stored`, or its first three.
 std::vector<std::uint16_t> read_samples(ImageFile& file, const fs::path& path, int channels) {
   try {
-    const auto samples = file.read_samples();
+    auto samples = file.read_samples();
     const std::size_t stored = file.stored().channels.size();
     if (stored == static_cast<std::size_t>(channels)) return samples;
     std::vector<std::uint16_t> first;

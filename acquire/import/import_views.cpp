@@ -104,7 +104,7 @@ void choose_ambient(ImportRequest& request, const std::vector<BracketGroup>& gro
   if (request.ambient.empty()) {
     const auto brightness = [&](std::size_t i) { return series.photographs[i].sum(); };
     constexpr float uneven = 1.3f;
-    const float level = uneven * std::ranges::min(pairing.black | std::views::transform(brightness));
+    const float level = uneven * brightness(*std::ranges::min_element(pairing.black, {}, brightness));
     const std::size_t chosen =
         *std::ranges::find_if(pairing.black, [&](std::size_t i) { return brightness(i) <= level; });
     if (chosen != pairing.black.front()) {

@@ -141,8 +141,8 @@ std::map<std::string, std::string> discarded_probes(const fs::path& folder) {
 
 /// Names what the list of times and the files do not have in common, and files that only their names order.
 void note_doubtful_times(const std::string& pattern, const std::vector<SeriesFile>& series,
-                         const std::vector<std::string>& without_line, std::vector<std::string> without_file,
-                         const RunContext& run) {
+                         const std::vector<std::string>& without_line,
+                         const std::vector<std::string>& without_file, const RunContext& run) {
   if (!without_line.empty())
     run.note(pattern + ": not listed in " + times_file_name +
              ", left out where their metadata have no time: " + listed(without_line, max_names));

@@ -300,7 +300,7 @@ void add_missing(toml::table& table, toml::table& base) {
   for (auto&& [key, node] : base) {
     toml::node* mine = table.get(key.str());
     if (!mine)
-      node.visit([&](auto& value) { table.insert(key.str(), std::move(value)); });
+      node.visit([&, name = key.str()](auto& value) { table.insert(name, std::move(value)); });
     else if (mine->is_table() && node.is_table())
       add_missing(*mine->as_table(), *node.as_table());
   }
