@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "core/base/rng.h"
 #include "core/base/units.h"
@@ -39,34 +40,79 @@ Rgb random_colour(Rng& rng, double brightness, double tint) {
   return colour;
 }
 
-struct StyleColours {
-  Rgb zenith, horizon, ground, area_light_colour;
-};
-struct StyleParts {
+struct Style {
+  bool outdoors;
+  Rgb zenith, horizon, ground;
   float clouds;        // share of the sky
   float buildings;     // number of them
   float leaf_cover;    // mean number of leaves over a point of the lower part
   float leaves_above;  // the same for the sky or ceiling, as a share
   float area_lights;   // number of small lights
-  float sun;           // radiance; 0: hidden
-};
-struct Style : StyleColours, StyleParts {
-  bool outdoors = true;
+  Rgb area_light_colour;
+  float sun;  // radiance; 0: hidden
 };
 
-// Day in a city; evening; wood or garden; room with windows and area lights; town at night, signs and neon.
 const std::array styles{
-    Style{{{0.16f, 0.32f, 0.75f}, {0.6f, 0.7f, 0.8f}, {0.18f, 0.17f, 0.16f}, {1, 1, 1}},
-          {0.5f, 90, 0.70f, 0.35f, 10, 300}},
-    Style{{{0.10f, 0.12f, 0.35f}, {0.95f, 0.42f, 0.16f}, {0.09f, 0.07f, 0.07f}, {2.5f, 1.6f, 0.7f}},
-          {0.7f, 60, 0.65f, 0.35f, 60, 90}},
-    Style{{{0.35f, 0.5f, 0.7f}, {0.7f, 0.75f, 0.7f}, {0.10f, 0.16f, 0.05f}, {1, 1, 1}},
-          {0.4f, 6, 2.20f, 0.8f, 0, 200}},
-    Style{{{0.30f, 0.28f, 0.25f}, {0.28f, 0.25f, 0.2f}, {0.16f, 0.10f, 0.06f}, {3.0f, 2.3f, 1.4f}},
-          {0.0f, 40, 1.10f, 0.6f, 40, 0},
-          false},
-    Style{{{0.01f, 0.012f, 0.03f}, {0.09f, 0.05f, 0.08f}, {0.03f, 0.03f, 0.04f}, {1.6f, 1.6f, 1.6f}},
-          {0.2f, 160, 0.80f, 0.3f, 260, 0}},
+    // Day in a city.
+    Style{true,
+          {0.16f, 0.32f, 0.75f},
+          {0.6f, 0.7f, 0.8f},
+          {0.18f, 0.17f, 0.16f},
+          0.5f,
+          90,
+          0.70f,
+          0.35f,
+          10,
+          {1, 1, 1},
+          300},
+    // Evening.
+    Style{true,
+          {0.10f, 0.12f, 0.35f},
+          {0.95f, 0.42f, 0.16f},
+          {0.09f, 0.07f, 0.07f},
+          0.7f,
+          60,
+          0.65f,
+          0.35f,
+          60,
+          {2.5f, 1.6f, 0.7f},
+          90},
+    // Wood or garden.
+    Style{true,
+          {0.35f, 0.5f, 0.7f},
+          {0.7f, 0.75f, 0.7f},
+          {0.10f, 0.16f, 0.05f},
+          0.4f,
+          6,
+          2.20f,
+          0.8f,
+          0,
+          {1, 1, 1},
+          200},
+    // Room with windows and area lights.
+    Style{false,
+          {0.30f, 0.28f, 0.25f},
+          {0.28f, 0.25f, 0.2f},
+          {0.16f, 0.10f, 0.06f},
+          0.0f,
+          40,
+          1.10f,
+          0.6f,
+          40,
+          {3.0f, 2.3f, 1.4f},
+          0},
+    // Town at night, signs and neon.
+    Style{true,
+          {0.01f, 0.012f, 0.03f},
+          {0.09f, 0.05f, 0.08f},
+          {0.03f, 0.03f, 0.04f},
+          0.2f,
+          160,
+          0.80f,
+          0.3f,
+          260,
+          {1.6f, 1.6f, 1.6f},
+          0},
 };
 
 Style random_style(Rng& rng) {
