@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Types the answers of a guided capture, from nothing to a relit picture, and checks what it leaves.
 
-usage: guided_capture.py REFIELD [--recipe RECIPE] [--rig NAME] [--page PAGE] [--work FOLDER] [-- OPTION...]
+usage: guided_capture.py REFIELD [--recipe RECIPE] [--rig NAME] [--page PAGE] [--work FOLDER] [--findings] [-- OPTION...]
 
 With --recipe the rig is the simulated one, in a temporary folder; otherwise the devices that are there are
 used. OPTION are options of 'refield acquire guide'. Wrong answers are given on purpose, Ctrl-C is pressed at a
 question, standard input ends at another, and the rig file is run again without questions. A part of the
-transcript replaces that in PAGE (docs/guide/guided-capture.md)."""
+transcript replaces that in PAGE (docs/guide/guided-capture.md). --findings: only the captures of a simulated
+camera that is bumped and of a room light that is switched on."""
 import argparse
 import filecmp
 import io
@@ -125,12 +126,16 @@ def main():
     parser.add_argument("--rig", default="virtual")
     parser.add_argument("--page", type=pathlib.Path)
     parser.add_argument("--work", type=pathlib.Path)
+    parser.add_argument("--findings", action="store_true")
     words = [*sys.argv[1:], "--"]
     given = parser.parse_args(words[: words.index("--")])
     given.options = words[words.index("--") + 1 : -1]
     with tempfile.TemporaryDirectory() as temporary:
         work = (given.work or pathlib.Path(temporary)).resolve()
-        check_guide(given, work, str(given.refield.resolve()))
+        if given.findings:
+            check_findings(given.recipe, work, str(given.refield.resolve()))
+        else:
+            check_guide(given, work, str(given.refield.resolve()))
 
 
 def check_guide(given, work, refield):
@@ -194,8 +199,6 @@ def check_guide(given, work, refield):
         text = re.sub(r".*(\[yes\]: perhaps\n.* is not valid.*| took 0:.*)\n", "", "".join(parts))
         write_page(given.page, text)
     print(f"guided capture with the {given.rig} rig: {photographs[0]} photographs, relit.png written")
-    if is_virtual:
-        check_findings(given.recipe.resolve().parents[2] / "datasets_synthetic/tabletop/recipe.toml", work, refield)
 
 
 def check_findings(scene, work, refield):
