@@ -23,8 +23,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct ExportWebOptions {
   fs::path field;
   fs::path output;

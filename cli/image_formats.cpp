@@ -16,11 +16,11 @@ namespace refield {
 namespace {
 
 /// Beside this program, or where it is installed.
-std::filesystem::path module_file() {
+fs::path module_file() {
   constexpr const char* name = "refield_image_formats.so";
-  const auto folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  const auto folder = fs::read_symlink("/proc/self/exe").parent_path();
   const auto beside = folder / name;
-  return std::filesystem::exists(beside) ? beside : folder / "../lib/refield" / name;
+  return fs::exists(beside) ? beside : folder / "../lib/refield" / name;
 }
 
 /// The libraries take 50 MiB, and not all look whether they get it.

@@ -30,7 +30,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 Json size_of(int width, int height) {
   return {{"width", width}, {"height", height}};
 }

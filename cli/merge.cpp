@@ -17,8 +17,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct MergeArguments {
   std::vector<fs::path> parts;
   fs::path output;

@@ -16,7 +16,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 struct PackOptions {
   fs::path field;
   fs::path output;

@@ -115,11 +115,11 @@ class ProgressBar {
 
 /// Beside this program, or where it is installed; programs elsewhere in the build folder use the one that was
 /// built with them.
-std::filesystem::path reader_program() {
+fs::path reader_program() {
   std::error_code error;
-  const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  const auto folder = fs::read_symlink("/proc/self/exe", error).parent_path();
   for (const char* place : {"refield-reader", "../libexec/refield/refield-reader"})
-    if (!folder.empty() && std::filesystem::exists(folder / place, error)) return folder / place;
+    if (!folder.empty() && fs::exists(folder / place, error)) return folder / place;
   return REFIELD_READER;
 }
 

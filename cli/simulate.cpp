@@ -15,8 +15,6 @@
 
 namespace refield::cli {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 // A larger transport is left out unless asked for: reading it back takes twice as much memory.

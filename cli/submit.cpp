@@ -20,8 +20,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct SubmitArguments : EstimationArguments {
   std::vector<std::string> estimate;  ///< its options as they were given
   fs::path output;

@@ -18,7 +18,7 @@ namespace {
 
 struct ViewOptions {
   WindowOptions window;
-  std::filesystem::path shown;
+  fs::path shown;
   std::string light, size;
   std::vector<std::string> placements;
 };
@@ -73,7 +73,7 @@ SceneThing thing_of(const prt::AreaLight& light, std::size_t number, std::size_t
 
 /// A description of a moving scene (TOML, docs/reference/scene-files.md) with all that is precomputed. Throws
 /// what read_dynamic_scene() throws, and Interrupted.
-MovingScene read_moving_scene(const std::filesystem::path& path) {
+MovingScene read_moving_scene(const fs::path& path) {
   const auto prepared = std::make_shared<PreparedScene>(dynamic::read_dynamic_scene(path, run_context()),
                                                         dynamic::TransportOptions{}, run_context());
   const dynamic::DynamicScene& scene = prepared->scene();
@@ -123,8 +123,7 @@ void view(ViewOptions& options, const Common& /*common*/) {
     return run_scene_viewer(
         options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window,
         run_context());
-  const auto light =
-      options.light.empty() ? std::nullopt : std::optional<std::filesystem::path>(options.light);
+  const auto light = options.light.empty() ? std::nullopt : std::optional<fs::path>(options.light);
   run_viewer(options.shown, light, options.window, run_context());
 }
 

@@ -20,7 +20,7 @@
 
 namespace refield {
 
-IsolatedReader v0_2::isolated_reader(const std::filesystem::path& program, const std::atomic<bool>* stop) {
+IsolatedReader v0_2::isolated_reader(const fs::path& program, const std::atomic<bool>* stop) {
   return [program, run = RunContext{.stop = stop}](const IsolatedReading& reading) {
     return read_in_process(program, reading, run);
   };
@@ -30,7 +30,7 @@ std::shared_ptr<const RigModel> v0_2::rig_model(const std::string& text, const s
   return std::make_shared<const RigModel>(rig_from_text(text, name));
 }
 
-std::shared_ptr<const RigModel> v0_2::rig_model(const std::filesystem::path& file) {
+std::shared_ptr<const RigModel> v0_2::rig_model(const fs::path& file) {
   return std::make_shared<const RigModel>(read_rig(file));
 }
 
@@ -110,7 +110,7 @@ Json more_images_figures(int images, const std::vector<LearningPoint>& points, c
 }
 
 /// Fills in the texts of a report.
-void tell(EstimateSummary& summary, const std::filesystem::path& file, const EstimateOptions& options) {
+void tell(EstimateSummary& summary, const fs::path& file, const EstimateOptions& options) {
   Json log = {{"stage", "estimate"}, {"field", file.string()}, {"version", REFIELD_VERSION}};
   log.update(plan_figures(options, summary.plan));
   log.update({{"resumed_bands", summary.resumed_bands},
@@ -137,8 +137,8 @@ void tell(EstimateSummary& summary, const std::filesystem::path& file, const Est
 }
 
 /// What an output must not replace.
-std::vector<std::filesystem::path> inputs_of(const CaptureSession& session) {
-  std::vector<std::filesystem::path> inputs = {session.folder, session.mask.value_or("")};
+std::vector<fs::path> inputs_of(const CaptureSession& session) {
+  std::vector<fs::path> inputs = {session.folder, session.mask.value_or("")};
   if (session.folder.empty())
     for (const CaptureFrame& frame : session.frames)
       inputs.insert(inputs.end(), {frame.illumination, frame.observed});
@@ -148,7 +148,7 @@ std::vector<std::filesystem::path> inputs_of(const CaptureSession& session) {
 }  // namespace
 
 EstimateReport v0_2::estimate_to_file(const Session& session, const EstimateOptions& options,
-                                      const std::filesystem::path& file, bool resume, const RunContext& run,
+                                      const fs::path& file, bool resume, const RunContext& run,
                                       const std::function<void(const EstimatePlan&)>& announce) {
   options.check();
   return guarded(run, [&]() -> EstimateReport {
@@ -198,12 +198,12 @@ std::shared_ptr<const ReflectanceField> image_rows(const Field& field) {
 }
 
 /// Integer formats carry no noise; floats may.
-Photograph read_image_of_series(const std::filesystem::path& file) {
+Photograph read_image_of_series(const fs::path& file) {
   return file.extension() == ".exr" ? read_photograph(file) : Photograph{read_image(file), {}};
 }
 
 /// Blackens pixels that do not count, and checks the others.
-void require_comparable(Image& image, const std::filesystem::path& file, const Mask& mask) {
+void require_comparable(Image& image, const fs::path& file, const Mask& mask) {
   for (std::size_t p = 0; p < mask.size() && p < image.pixel_count(); ++p)
     if (!mask[p]) std::fill_n(image.values.begin() + 3 * p, 3, 0.0f);
   require_finite(image, file.string(), true, "repair that pixel or exclude it with --mask");
@@ -226,7 +226,7 @@ std::vector<HeldOutError> v0_2::compare(const Field& field, const Session& given
 }
 
 HeldOutError v0_2::compare(const std::string& predicted, const std::string& observed,
-                           const std::filesystem::path& mask_file, const RunContext& run) {
+                           const fs::path& mask_file, const RunContext& run) {
   return guarded(run, [&] {
     const auto pairs = pair_files(predicted, observed, "prediction", "observed image");
     const ImageHeader first = read_image_header(pairs.front().second);

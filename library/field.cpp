@@ -31,7 +31,7 @@ bool is_bright(const ImageView& light) {
   return false;
 }
 
-std::shared_ptr<const Field::Data> read(const std::filesystem::path& file, const RunContext& run) {
+std::shared_ptr<const Field::Data> read(const fs::path& file, const RunContext& run) {
   auto either = read_either_field(file, run);
   if (auto* packed = std::get_if<PackedField>(&either))
     return std::make_shared<const Field::Data>(std::move(*packed), file.string());
@@ -129,10 +129,10 @@ void Field::Data::relight(std::span<const LightMapView> lights, std::span<float>
 
 // ---- Field
 
-Field::Field(const std::filesystem::path& file, const RunContext& run)
+Field::Field(const fs::path& file, const RunContext& run)
     : data_(guarded(run, [&] { return read(file, run); })) {}
 
-void Field::write(const std::filesystem::path& file) const {
+void Field::write(const fs::path& file) const {
   const OutputLock lock(file, {}, ".rfield");
   if (data_->packed())
     write_packed_field(file, *data_->packed());

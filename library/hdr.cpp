@@ -19,9 +19,8 @@ Photograph merged(Bracket bracket, BracketCamera camera, const RunContext& run) 
 
 }  // namespace
 
-Photograph v0_2::merge_exposures(std::span<const std::filesystem::path> files,
-                                 std::span<const double> seconds, const ExposureCamera& camera,
-                                 const RunContext& run) {
+Photograph v0_2::merge_exposures(std::span<const fs::path> files, std::span<const double> seconds,
+                                 const ExposureCamera& camera, const RunContext& run) {
   BracketCamera known;
   known.response = camera.response;
   known.full_scale_electrons = camera.full_scale_electrons;

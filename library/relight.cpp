@@ -42,7 +42,7 @@ ViewCamera view_of(const PinholeCamera& camera) {
 
 // ---- lights
 
-void v0_2::require_light(const Field& field, const std::filesystem::path& file) {
+void v0_2::require_light(const Field& field, const fs::path& file) {
   const ImageHeader header = read_image_header(file);
   const LightDomain domain = field.light_domain();
   if (header.width != domain.width || header.height != domain.height)
@@ -58,7 +58,7 @@ struct v0_2::AreaLights::Data {
   prt::AreaLights lights;
 };
 
-AreaLights::AreaLights(const Field& field, const std::filesystem::path& file, const RunContext& run) {
+AreaLights::AreaLights(const Field& field, const fs::path& file, const RunContext& run) {
   if (!field.has_mesh() || field.light_domain().parameterisation != Parameterisation::cube)
     throw InputError("--area-lights requires a mesh field; " + field.internal().name +
                      " is an image field: use --light or --env");
@@ -124,7 +124,7 @@ void Relighter::update(const LightMapView& light, const Box& changed, std::span<
 
 // ---- Environment
 
-Environment::Environment(const std::filesystem::path& file, const RunContext& run)
+Environment::Environment(const fs::path& file, const RunContext& run)
     : map_(guarded(run, [&] {
         return std::make_shared<const PreparedEnvironment>(read_environment(file, run), run);
       })) {}
@@ -265,14 +265,14 @@ class PictureWork {
 }  // namespace
 
 PictureReport v0_2::relight_to_files(const Field& field, std::span<const IlluminationFunction> lights,
-                                     std::span<const std::filesystem::path> files,
-                                     const PictureOptions& options, const RunContext& run) {
+                                     std::span<const fs::path> files, const PictureOptions& options,
+                                     const RunContext& run) {
   return guarded(run, [&] {
     PictureWork work(field, lights, files.size(), options, RelightPrecision::fine, run);
     std::vector<RelightJob> jobs;
-    std::filesystem::path created;
+    fs::path created;
     for (std::size_t i = 0; i < files.size(); ++i) {
-      if (const auto folder = std::filesystem::absolute(files[i]).parent_path(); folder != created)
+      if (const auto folder = fs::absolute(files[i]).parent_path(); folder != created)
         create_folders(created = folder);
       jobs.push_back({work.functions[i], files[i]});
     }
@@ -281,12 +281,12 @@ PictureReport v0_2::relight_to_files(const Field& field, std::span<const Illumin
 }
 
 PictureReport v0_2::relight_to_video(const Field& field, std::span<const IlluminationFunction> lights,
-                                     const std::filesystem::path& file, const PictureOptions& options,
+                                     const fs::path& file, const PictureOptions& options,
                                      const RunContext& run) {
   return guarded(run, [&] {
     const std::size_t count = std::max(lights.size(), options.cameras.size());
     PictureWork work(field, lights, count, options, RelightPrecision::fast, run);
-    create_folders(std::filesystem::absolute(file).parent_path());
+    create_folders(fs::absolute(file).parent_path());
     return work.report(relight_to_video(work.pictures(), work.functions, file,
                                         {options.frames_per_second, options.exposure}, run));
   });

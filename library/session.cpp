@@ -12,8 +12,6 @@ namespace refield {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 CaptureSession pairs_of(std::span<const fs::path> lights, std::span<const fs::path> observed,
                         Parameterisation parameterisation) {
   if (lights.size() != observed.size())

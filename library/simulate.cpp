@@ -16,8 +16,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 // ---- sessions
 
 Session v0_2::simulate(const fs::path& recipe_path, const fs::path& folder, const SimulationOptions& options,

@@ -16,8 +16,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// The nodes around a point and their bilinear weights.

@@ -111,13 +111,13 @@ DriveImage uniform_drive(int width, int height, std::uint8_t level);
 
 /// All calibrations that are known as a TOML file, see docs/reference/capture-session-format.md. The text
 /// holds every digit.
-void write_calibration(const std::filesystem::path& path, const CameraCalibration& camera,
+void write_calibration(const fs::path& path, const CameraCalibration& camera,
                        const std::optional<MonitorCalibration>& monitor,
                        const std::optional<TimingCalibration>& timing = std::nullopt);
 /// Throw FormatError where a table or key is missing or malformed and InputError where a value is impossible.
-CameraCalibration read_camera_calibration(const std::filesystem::path& path);
-MonitorCalibration read_monitor_calibration(const std::filesystem::path& path);
+CameraCalibration read_camera_calibration(const fs::path& path);
+MonitorCalibration read_monitor_calibration(const fs::path& path);
 /// nullopt where the file has no section [timing].
-std::optional<TimingCalibration> read_timing_calibration(const std::filesystem::path& path);
+std::optional<TimingCalibration> read_timing_calibration(const fs::path& path);
 
 }  // namespace refield

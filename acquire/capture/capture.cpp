@@ -15,8 +15,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr std::uint8_t black = 0;

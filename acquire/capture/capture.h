@@ -22,15 +22,14 @@ struct CaptureLight {
   std::string name;  ///< unique; becomes file names
   FrameRole role = FrameRole::train;
   std::string kind;
-  std::filesystem::path wanted;
+  fs::path wanted;
 };
 
 /// Where the mask of the scene comes from.
 struct MaskSource {
   enum class Kind { none, painted, automatic };
   Kind kind = Kind::none;
-  std::filesystem::path
-      file;  ///< painted: the mask; automatic: a photograph of the background under white, or empty
+  fs::path file;  ///< painted: the mask; automatic: a photograph of the background under white, or empty
 };
 
 /// Number of frames per exposure of the ambient photograph, from that of all training photographs. Its
@@ -41,7 +40,7 @@ int usual_ambient_count(int training_frames);
 /// All that decides what a capture gives. Two captures of one request with the same devices are equal to the
 /// byte, however often they were interrupted.
 struct CaptureRequest {
-  std::filesystem::path folder;
+  fs::path folder;
   std::vector<CaptureLight> lights;
   CameraCalibration camera;
   MonitorCalibration monitor;
@@ -103,13 +102,13 @@ CaptureSummary capture(const CaptureRequest& request, Camera& camera, Illuminato
                        Trigger* trigger, const RunContext& run = {});
 
 /// CRC-32 of a file, eight hexadecimal digits: how plan.toml names what it rests on.
-std::string checksum_of(const std::filesystem::path& file);
+std::string checksum_of(const fs::path& file);
 
 /// Text of plan.toml: everything that decides the capture's content, with a checksum of every input file.
 std::string capture_plan_text(const CaptureRequest& request, const std::vector<Seconds>& exposures,
                               const CameraDescription& camera, const IlluminatorDescription& display);
 
 /// The exposure times that a plan.toml states.
-std::vector<Seconds> exposures_of_plan(const std::filesystem::path& plan);
+std::vector<Seconds> exposures_of_plan(const fs::path& plan);
 
 }  // namespace refield

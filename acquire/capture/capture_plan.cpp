@@ -149,7 +149,7 @@ int CaptureRequest::ambient_count() const {
   return usual_ambient_count(training * frames_per_exposure);
 }
 
-std::string checksum_of(const std::filesystem::path& file) {
+std::string checksum_of(const fs::path& file) {
   return crc32_text(inspect_file(file.parent_path(), file.filename().string()).crc32);
 }
 
@@ -197,7 +197,7 @@ std::string capture_plan_text(const CaptureRequest& request, const std::vector<S
   return text.str();
 }
 
-std::vector<Seconds> exposures_of_plan(const std::filesystem::path& plan) {
+std::vector<Seconds> exposures_of_plan(const fs::path& plan) {
   const ConfigFile file(plan, "capture plan", "docs/reference/capture-session-format.md");
   ConfigSection section = file.section("exposures");
   std::vector<double> seconds;

@@ -68,7 +68,7 @@ Mask scene_mask(const Photograph& white, const Photograph* background) {
   return Mask(mask.data, mask.data + mask.total());
 }
 
-void write_mask(const std::filesystem::path& path, const Mask& mask, int width, int height) {
+void write_mask(const fs::path& path, const Mask& mask, int width, int height) {
   Image image(width, height, 1);
   if (mask.size() != image.pixel_count()) throw InputError("the mask does not have the image's size");
   std::ranges::transform(mask, image.values.begin(), [](unsigned char m) { return m ? 1.0f : 0.0f; });

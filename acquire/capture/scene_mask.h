@@ -15,6 +15,6 @@ namespace refield {
 Mask scene_mask(const Photograph& white, const Photograph* background = nullptr);
 
 /// Writes a mask as a PNG, white where the scene is: what read_mask() reads.
-void write_mask(const std::filesystem::path& path, const Mask& mask, int width, int height);
+void write_mask(const fs::path& path, const Mask& mask, int width, int height);
 
 }  // namespace refield

@@ -14,8 +14,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr const char* plan_name = "plan.toml";

@@ -15,7 +15,7 @@ enum class IfExists { refuse, resume, replace };
 
 /// Throws InputError when `folder` may not be written under `if_exists`: it holds a capture and neither
 /// resume nor replace was asked for, or it holds something else. Changes nothing.
-void check_session_folder(const std::filesystem::path& folder, IfExists if_exists);
+void check_session_folder(const fs::path& folder, IfExists if_exists);
 
 /// What the import found and did, a sentence per line, for 'refield info'; not there where it found nothing.
 inline constexpr const char* session_notes_name = "notes.txt";
@@ -25,7 +25,7 @@ inline constexpr const char* session_notes_name = "notes.txt";
 FrameRole role_of_light(const std::string& name);
 
 /// plan.toml of a capture that was begun in `folder`; nullopt when there is none.
-std::optional<std::string> stored_plan(const std::filesystem::path& folder);
+std::optional<std::string> stored_plan(const fs::path& folder);
 
 /// The capture session folder while it grows, see docs/reference/capture-session-format.md. At every moment
 /// the disk says which steps are finished: files land by rename, then the journal names them. plan.toml comes
@@ -36,13 +36,12 @@ class SessionWriter {
   /// On resume the plan must be the same to the letter; steps whose files are missing or damaged will be done
   /// again. Throws InputError as check_session_folder() does, when the plans differ (naming the first line
   /// that does), or when another process is at work in the folder.
-  SessionWriter(std::filesystem::path folder, const std::string& plan, std::vector<std::string> steps,
-                IfExists if_exists);
+  SessionWriter(fs::path folder, const std::string& plan, std::vector<std::string> steps, IfExists if_exists);
   ~SessionWriter();
   SessionWriter(const SessionWriter&) = delete;
   SessionWriter& operator=(const SessionWriter&) = delete;
 
-  const std::filesystem::path& folder() const { return folder_; }
+  const fs::path& folder() const { return folder_; }
   bool is_complete() const { return complete_; }
   bool is_done(const std::string& step) const;
   std::size_t found_done() const { return found_done_; }  ///< steps taken over from an earlier run
@@ -65,7 +64,7 @@ class SessionWriter {
   void clear();
   void lock();
   void take_over_finished_steps();
-  std::filesystem::path folder_;
+  fs::path folder_;
   std::vector<std::string> steps_;
   std::vector<JournalEntry> entries_;
   std::size_t found_done_ = 0;

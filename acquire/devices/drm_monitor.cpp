@@ -24,8 +24,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr double refresh_tolerance_hz = 0.51;  // "@60" means 59.94, too

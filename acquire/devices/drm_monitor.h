@@ -24,7 +24,7 @@ struct DrmModeInfo {
 
 /// A place where a monitor can be plugged in.
 struct DrmConnectorInfo {
-  std::filesystem::path card;  ///< /dev/dri/card0
+  fs::path card;  ///< /dev/dri/card0
   std::string driver;
   std::string name;  ///< "HDMI-A-1"
   std::uint32_t id = 0;

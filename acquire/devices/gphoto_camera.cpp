@@ -24,8 +24,6 @@ namespace refield {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 constexpr Seconds settle_patience{2.0};  // some cameras answer with the old value for a moment
 constexpr Seconds busy_patience{20.0};   // mirror lock-up ends after a second or two, writing to a card later
 constexpr Seconds gphoto_slice{0.1};     // of waiting: how soon a stop is noticed

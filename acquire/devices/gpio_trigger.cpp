@@ -135,7 +135,7 @@ std::string GpioLineAddress::text() const {
 std::vector<GpioChipInfo> find_gpio_chips() {
   std::vector<GpioChipInfo> chips;
   std::error_code none;
-  for (const auto& entry : std::filesystem::directory_iterator("/dev", none)) {
+  for (const auto& entry : fs::directory_iterator("/dev", none)) {
     if (!entry.path().filename().string().starts_with("gpiochip")) continue;
     const Chip chip(gpiod_chip_open(entry.path().c_str()));
     if (!chip) continue;

@@ -19,12 +19,12 @@ namespace refield {
 class V4l2Device {
  public:
   /// Throws DeviceError when the node is missing, busy or may not be opened.
-  explicit V4l2Device(const std::filesystem::path& node);
+  explicit V4l2Device(const fs::path& node);
   ~V4l2Device();
   V4l2Device(V4l2Device&& other) noexcept;
   V4l2Device& operator=(V4l2Device&& other) noexcept;
 
-  const std::filesystem::path& node() const { return node_; }
+  const fs::path& node() const { return node_; }
   int descriptor() const { return descriptor_; }
 
   /// ioctl(), repeated while signals interrupt it. Returns 0 or errno.
@@ -35,16 +35,16 @@ class V4l2Device {
   [[noreturn]] void fail(int error_number, const std::string& what) const;
 
  private:
-  std::filesystem::path node_;
+  fs::path node_;
   int descriptor_ = -1;
 };
 
 /// What a camera is called: `bus` and `card` stay the same when it is unplugged and plugged in again; the
 /// node's number may change.
 struct V4l2Identity {
-  std::filesystem::path node;  ///< /dev/video0
-  std::string card;            ///< "HD Pro Webcam C920"
-  std::string bus;             ///< "usb-0000:00:14.0-1"
+  fs::path node;     ///< /dev/video0
+  std::string card;  ///< "HD Pro Webcam C920"
+  std::string bus;   ///< "usb-0000:00:14.0-1"
   std::string driver;
 };
 

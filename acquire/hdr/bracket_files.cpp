@@ -24,8 +24,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 std::optional<double> positive_attribute(const ImageFile& file, std::initializer_list<const char*> names) {

@@ -46,18 +46,17 @@ struct BracketFile {
 /// file is taken to have the layout `one_channel`; nullopt: grey, or for RAW what the file says. Pictures are
 /// turned as their stated orientation says; samples of a sensor (RAW, Bayer) stay in its order. Alpha is
 /// ignored. Throws DeviceError for a missing file and FormatError for one that is damaged or no image.
-BracketFile read_bracket_file(const std::filesystem::path& path,
-                              std::optional<PixelLayout> one_channel = std::nullopt);
+BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> one_channel = std::nullopt);
 
 /// Throws InputError naming both files and the first setting that differs, where both state it.
-void require_same_settings(const CameraSettings& settings, const std::filesystem::path& path,
-                           const CameraSettings& expected, const std::filesystem::path& expected_path);
+void require_same_settings(const CameraSettings& settings, const fs::path& path,
+                           const CameraSettings& expected, const fs::path& expected_path);
 
 /// The exposure time that a file's metadata state; its samples are not read. Throws as read_bracket_file().
-std::optional<Seconds> stated_exposure(const std::filesystem::path& path);
+std::optional<Seconds> stated_exposure(const fs::path& path);
 
 /// Writes a frame's samples, unchanged, as a 16-bit PNG of one or three channels, atomically. What
 /// read_bracket_file() reads back is equal.
-void write_raw_frame(const std::filesystem::path& path, const RawFrame& frame);
+void write_raw_frame(const fs::path& path, const RawFrame& frame);
 
 }  // namespace refield

@@ -14,8 +14,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// As given or, for all images, from their metadata.

@@ -38,7 +38,7 @@ std::optional<PixelLayout> layout_of(const std::string& name);
 
 /// Exposures of one view.
 struct Bracket {
-  std::vector<std::filesystem::path> paths;
+  std::vector<fs::path> paths;
   std::vector<BracketFile> files;
   std::vector<Seconds> exposures;
 };
@@ -46,7 +46,7 @@ struct Bracket {
 /// Reads the files of a bracket. `exposures`: one for each file, or none: as the files' metadata state them.
 /// Throws InputError when files differ in size, bits, channels, encoding or, where `exposures` are not given,
 /// in settings (require_same_settings()), or do not state their exposure.
-Bracket read_bracket(const std::vector<std::filesystem::path>& paths, const BracketCamera& camera,
+Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& camera,
                      std::span<const Seconds> exposures = {});
 
 /// The response of integer files: "linear", "srgb", "gamma:X" or a calibration file.
@@ -66,7 +66,7 @@ Photograph merge_bracket(Bracket& bracket, const BracketCamera& camera,
 struct HighestSamples {
   double level = 0.0;          ///< highest sample of all exposures
   std::size_t at_level = 0;    ///< samples of `file` within 0.1 % of it
-  std::filesystem::path file;  ///< exposure with the most of them
+  fs::path file;               ///< exposure with the most of them
   bool piles_up = false;       ///< far more samples have that level than the levels below it
   bool is_saturation = false;  ///< they pile up, and no evenly lit surface explains it
 };

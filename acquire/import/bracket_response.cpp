@@ -17,8 +17,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr std::size_t max_samples = 30000;  // of an exposure

@@ -16,7 +16,7 @@ struct BracketSamples {
   bool automatic_white_balance = false;  ///< developed files say so (EXIF)
   std::optional<double> black;           ///< of RAW files
   HighestSamples highest;
-  std::vector<std::filesystem::path> paths;
+  std::vector<fs::path> paths;
   std::vector<double> seconds;
   std::vector<std::vector<float>> values;  ///< [exposures][samples], as stored
 };

@@ -18,8 +18,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// A pattern of --names, whose only group is {light}; each wildcard takes as much as it can.

@@ -16,7 +16,7 @@ namespace refield {
 /// The files of one view.
 struct BracketGroup {
   std::string name;  ///< what `{light}` stood for, else the first file's stem
-  std::vector<std::filesystem::path> paths;
+  std::vector<fs::path> paths;
 };
 
 /// How files of a folder fall into brackets.
@@ -33,7 +33,7 @@ struct GroupRule {
 /// Groups files, which come sorted by name; brackets come in that order. `exposures`: of each file where
 /// known. Throws InputError naming the file and the rule: a name that does not match, a count that does not
 /// go up, an unknown exposure, or brackets whose numbers of exposures differ.
-std::vector<BracketGroup> group_brackets(const std::vector<std::filesystem::path>& files,
+std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
                                          const std::vector<std::optional<Seconds>>& exposures,
                                          const GroupRule& rule);
 
@@ -46,19 +46,18 @@ enum class LightContent {
 
 /// Photographs from other tools.
 struct ImportRequest {
-  std::vector<std::filesystem::path> photographs;  ///< sorted by name
+  std::vector<fs::path> photographs;  ///< sorted by name
   GroupRule rule;
   BracketCamera camera;
   std::vector<Seconds> exposures;  ///< of a bracket's files, in order; empty: as their metadata state them
-  std::vector<std::filesystem::path>
-      ambient;                 ///< files of one bracket, taken out of the photographs; may be empty
-  bool ambient_first = false;  ///< the first bracket is the ambient one
+  std::vector<fs::path> ambient;   ///< files of one bracket, taken out of the photographs; may be empty
+  bool ambient_first = false;      ///< the first bracket is the ambient one
   /// Lights, in the order of their names; empty: photographs are merged, and no session is made.
-  std::vector<std::filesystem::path> lights;
+  std::vector<fs::path> lights;
   /// The n-th light belongs to the n-th bracket; else the light NAME.* to the bracket NAME.
   bool lights_by_order = false;
   LightContent light_content = LightContent::radiance;
-  std::filesystem::path monitor;  ///< calibration.toml with [monitor], for drive levels
+  fs::path monitor;  ///< calibration.toml with [monitor], for drive levels
   Parameterisation parameterisation = Parameterisation::monitor;
   /// Light sources of a dome or light stage, in place of `lights`; the parameterisation is lat-long then.
   /// Each belongs to the bracket with the file of its name, else to the bracket of that name (with or without
@@ -70,13 +69,13 @@ struct ImportRequest {
   std::optional<ChromeBall> ball;
   /// White cards under the light sources, see divide_by_card(); grouped and named like the photographs, or as
   /// many. Intensities of `stage` do not count then. May be empty.
-  std::vector<std::filesystem::path> flat_fields;
-  std::optional<std::filesystem::path> mask;
+  std::vector<fs::path> flat_fields;
+  std::optional<fs::path> mask;
   std::vector<MonitorPlacement> monitors{};  ///< where the monitor stood; empty: not known
   int test_every =
       0;  ///< every that many frames one is held out, beside those whose light is named test…; 0: none
   Precision precision = Precision::single;
-  std::filesystem::path folder;
+  fs::path folder;
   IfExists if_exists = IfExists::refuse;
 
   bool has_light_sources() const { return !stage.sources.empty() || ball; }

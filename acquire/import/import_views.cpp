@@ -20,8 +20,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr std::size_t max_names = 3;  // of files that a note lists
@@ -335,8 +333,6 @@ FrameRole role_of(const ImportRequest& request, const std::string& name, std::si
   const auto every = static_cast<std::size_t>(request.test_every);
   return role == FrameRole::train && every > 0 && (place + 1) % every == 0 ? FrameRole::test : role;
 }
-
-namespace fs = std::filesystem;
 
 std::string plan_of(const ImportRequest& request, const std::vector<ImportedView>& views) {
   const auto file_text = [](const fs::path& path) {

@@ -14,7 +14,7 @@ namespace refield {
 struct ImportedView {
   BracketGroup bracket;
   std::string name;
-  std::filesystem::path light;  ///< empty without a session and under light sources
+  fs::path light;  ///< empty without a session and under light sources
   std::optional<ClockSeconds> time{};
   std::size_t source = 0;  ///< of ImportRequest::stage, where that has sources
   BracketGroup card{};     ///< white card under the same light, if any

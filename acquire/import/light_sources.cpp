@@ -20,8 +20,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr const char* blanks = " \t\r\v\f";

@@ -26,7 +26,7 @@ struct LightSource {
 
 /// The light sources of a dome or light stage, photographed one at a time.
 struct LightStage {
-  std::filesystem::path file;  ///< the list, for messages; empty: directions from a mirror ball
+  fs::path file;  ///< the list, for messages; empty: directions from a mirror ball
   std::vector<LightSource> sources;
   LightDomain domain;              ///< lat-long
   std::vector<std::string> notes;  ///< what the user should know, one sentence each
@@ -44,8 +44,7 @@ struct LightStage {
 /// distance / distance)². Throws InputError naming file, line, value and remedy: a wrong count, a value that
 /// is no number, no direction, a photograph named twice, two sources in one direction; DeviceError for a
 /// missing file.
-LightStage read_light_stage(const std::filesystem::path& file,
-                            const std::optional<Eigen::Vector3d>& object = {});
+LightStage read_light_stage(const fs::path& file, const std::optional<Eigen::Vector3d>& object = {});
 
 /// Gives each source a texel of its own, in the map with the smallest height of 128, 256 or 512 texels,
 /// and twice the width, at which that is possible. Throws InputError naming two sources that are too close.

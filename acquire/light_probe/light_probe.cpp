@@ -22,8 +22,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr double least_radius_px = 32.0;

@@ -41,12 +41,12 @@ void require_usable(const MirrorBall& ball, int width, int height, const std::st
 
 /// A camera in front of the ball and its photographs, one after another.
 struct ProbeSide {
-  std::vector<std::filesystem::path> photographs;  ///< linear radiance (OpenEXR)
+  std::vector<fs::path> photographs;  ///< linear radiance (OpenEXR)
   EulerAngles turn;
   std::optional<double> field_of_view_degrees;  ///< across the photograph's width, or
   std::optional<double> distance_radii;         ///< just one of the two
   std::optional<ImageCircle> ball;              ///< where the ball is; none: it is found
-  std::optional<std::filesystem::path> hidden;  ///< mask of what to leave out, white
+  std::optional<fs::path> hidden;               ///< mask of what to leave out, white
 };
 
 struct ProbeRequest {
@@ -55,13 +55,13 @@ struct ProbeRequest {
   ProbeLimits limits;
   bool ball_moves = false;  ///< find it in each photograph anew; else the median place serves all
   std::optional<double>
-      saturation;                ///< photographs that do not state their noise: clipped from this value on
-  std::filesystem::path folder;  ///< gets NAME.exr for each photograph kept, times.tsv and probe.toml
-  bool replace = false;          ///< of what an earlier run left there
+      saturation;        ///< photographs that do not state their noise: clipped from this value on
+  fs::path folder;       ///< gets NAME.exr for each photograph kept, times.tsv and probe.toml
+  bool replace = false;  ///< of what an earlier run left there
 };
 
 struct ProbedPhotograph {
-  std::filesystem::path photograph;  ///< of the first side
+  fs::path photograph;  ///< of the first side
   ImageCircle ball;
   ProbeVerdict verdict;
 };

@@ -13,8 +13,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// nullopt unless it is a date of the calendar and a time of day.

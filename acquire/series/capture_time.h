@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
 #include <map>
 #include <optional>
 #include <string>
+
+#include "core/base/errors.h"
 
 namespace refield {
 
@@ -27,12 +28,12 @@ std::optional<ClockSeconds> clock_seconds_from_name(const std::string& name);
 
 /// The time that an image's metadata state (EXIF DateTimeOriginal with SubSecTimeOriginal, else DateTime),
 /// else its name. nullopt where neither does.
-std::optional<ClockSeconds> capture_time(const std::filesystem::path& image);
+std::optional<ClockSeconds> capture_time(const fs::path& image);
 
 /// times.tsv of a folder: lines "NAME<tab>TIME", NAME without extension. Light maps and merged photographs no
 /// longer hold their camera's metadata; this file does. Empty when there is none. Throws FormatError naming
 /// the line.
-std::map<std::string, ClockSeconds> read_times(const std::filesystem::path& folder);
-void write_times(const std::filesystem::path& folder, const std::map<std::string, ClockSeconds>& times);
+std::map<std::string, ClockSeconds> read_times(const fs::path& folder);
+void write_times(const fs::path& folder, const std::map<std::string, ClockSeconds>& times);
 
 }  // namespace refield

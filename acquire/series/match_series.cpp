@@ -21,8 +21,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr std::size_t max_names = 5;  // of photographs that a note lists

@@ -61,26 +61,26 @@ struct MatchRequest {
   std::string
       probes;  ///< pattern or folder of light maps, as probe_light() writes them or as they were shown
   Parameterisation parameterisation = Parameterisation::lat_long;  ///< of the light maps
-  std::filesystem::path folder;                                    ///< of the session to make
+  fs::path folder;                                                 ///< of the session to make
   std::optional<double> offset_seconds =
       0.0;  ///< the observed camera's clock is ahead by this; nullopt: told from brightness
   std::optional<double> drift_ppm = 0.0;    ///< and gains this; nullopt: told, too
   double largest_offset_seconds = 3600.0;   ///< where it is told
   std::optional<double> tolerance_seconds;  ///< nullopt: half the light maps' usual interval
   int test_every = 0;                       ///< every that many pairs one is held out; 0: none
-  std::optional<std::filesystem::path> mask;
+  std::optional<fs::path> mask;
   IfExists if_exists = IfExists::refuse;
 };
 
 struct MatchedPair {
-  std::filesystem::path observed;
-  std::filesystem::path probe;
+  fs::path observed;
+  fs::path probe;
   double apart_seconds = 0.0;  ///< observed − probe, once the clocks are brought together
 };
 
 /// A photograph that did not become part of the session, and why.
 struct LeftOut {
-  std::filesystem::path file;
+  fs::path file;
   std::string reason;
 };
 

@@ -20,8 +20,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct CalibrateVerbOptions {
   fs::path rig;  ///< rig file or recipe
   fs::path truth;

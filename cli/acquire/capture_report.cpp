@@ -11,7 +11,6 @@
 
 namespace refield::cli {
 
-namespace fs = std::filesystem;
 namespace {
 
 Json figures_of(const CaptureSummary& summary, const UntilError* until) {

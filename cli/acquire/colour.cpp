@@ -20,7 +20,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 struct ColourOptions {
   fs::path session;
   fs::path chart;

@@ -18,7 +18,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 Json json_of(const V4l2FormatInfo& format) {
   const auto known = find_v4l2_format(format.fourcc);
   Json sizes = Json::array();

@@ -21,7 +21,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 struct GeometryOptions {
   fs::path session;
   std::string ball = "find";

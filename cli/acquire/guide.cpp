@@ -36,8 +36,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct GuideOptions {
   fs::path folder = "capture";
   std::string camera;

@@ -30,7 +30,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 /// Options of `refield acquire import`.
 struct ImportOptions {
   ImportRequest request;

@@ -23,8 +23,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 struct LightsOptions {
   std::vector<std::string> images;
   bool starter = false;

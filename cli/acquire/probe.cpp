@@ -19,7 +19,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 /// Options as text. Those that are lists hold a value for the photographs and one for those of --join.
 struct ProbeOptionsText {
   std::vector<std::string> photographs, join;

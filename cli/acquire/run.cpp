@@ -26,8 +26,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
-
 /// What replaces values of the rig file or the recipe.
 struct RunOptions {
   fs::path rig;  ///< rig file or recipe

@@ -17,8 +17,6 @@
 
 namespace refield::cli {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr int max_pixels = 65536;

@@ -24,25 +24,25 @@ namespace refield::cli {
 
 /// What a session is lit by.
 struct SessionLights {
-  std::filesystem::path session;  ///< another session, whose lights with their roles are shown
-  std::string images;             ///< folder or pattern of light maps to estimate from
-  std::string test_images;        ///< held out
+  fs::path session;         ///< another session, whose lights with their roles are shown
+  std::string images;       ///< folder or pattern of light maps to estimate from
+  std::string test_images;  ///< held out
 };
 
 /// The simulated camera and monitor of a recipe, instead of devices.
 struct VirtualCameraOptions : CameraOptions {
-  std::filesystem::path recipe;
-  std::filesystem::path truth;                  ///< folder of 'refield simulate'; empty: traced when opened
+  fs::path recipe;
+  fs::path truth;                               ///< folder of 'refield simulate'; empty: traced when opened
   std::map<std::string, std::string> controls;  ///< none; for code that treats all cameras alike
 };
 
 /// A rig file, or what a recipe says of the capture of its scene: everything that `refield acquire run` needs
 /// to know, see docs/reference/devices.md.
 struct SessionFile {
-  std::filesystem::path path;
+  fs::path path;
   bool is_recipe = false;
-  std::filesystem::path output;
-  std::filesystem::path calibration;  ///< empty: what the recipe says, without error
+  fs::path output;
+  fs::path calibration;  ///< empty: what the recipe says, without error
   /// By the prefixes "genicam:", "gphoto:" and "virtual:".
   std::variant<V4l2CameraOptions, GenicamCameraOptions, GphotoCameraOptions, VirtualCameraOptions> camera;
   DrmMonitorOptions monitor;
@@ -58,25 +58,25 @@ struct SessionFile {
   int frames = 1;
   int ambient_frames = 0;  ///< CaptureRequest::ambient_repeats
   double gain = 1.0;
-  std::filesystem::path mask, background;
+  fs::path mask, background;
   bool auto_mask = false;
   int reference_every = 20;
-  std::filesystem::path reference_light;
+  fs::path reference_light;
   std::string order = "given";
   std::uint64_t order_seed = 1;
   std::string until_error;
   bool keep_raw = false;
   bool half = false;
-  std::filesystem::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
+  fs::path preview;  ///< PNG of the last photograph, replaced by each; empty: none
 };
 
 /// Reads a rig file, in which paths are relative to its folder, or a recipe, which has no section "session"
 /// and says neither output nor lights. Throws InputError naming file, line, key, value and remedy.
-SessionFile read_session_file(const std::filesystem::path& path);
+SessionFile read_session_file(const fs::path& path);
 
 /// The argument "rig", a rig file or a recipe, and --truth.
-void add_rig_argument(CLI::App& verb, std::filesystem::path& rig);
-CLI::Option* add_truth_option(CLI::App& verb, std::filesystem::path& truth);
+void add_rig_argument(CLI::App& verb, fs::path& rig);
+CLI::Option* add_truth_option(CLI::App& verb, fs::path& truth);
 
 /// A rig file to fill in, with all keys.
 std::string session_template();

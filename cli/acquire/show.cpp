@@ -26,7 +26,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
 struct ShowOptions {

@@ -75,7 +75,7 @@ bool is_of_the_devices(const VerdictRow& row) {
   return row.property == "colour" || row.property == "tone curve" || row.property == "drift";
 }
 
-std::vector<VerdictRow> compare_references(const std::vector<std::filesystem::path>& photographs) {
+std::vector<VerdictRow> compare_references(const std::vector<fs::path>& photographs) {
   if (photographs.size() < 2) return {};
   const Photograph first = read_photograph(photographs.front()), last = read_photograph(photographs.back());
   const auto level = [](const Photograph& photograph, int x, int y) {
@@ -141,8 +141,8 @@ void CaptureWatch::attach(CaptureRequest& request) {
 }
 
 CaptureWatch::Findings CaptureWatch::findings() const {
-  std::vector<std::filesystem::path> references = references_;
-  std::erase_if(references, [](const auto& path) { return !std::filesystem::exists(path); });
+  std::vector<fs::path> references = references_;
+  std::erase_if(references, [](const auto& path) { return !fs::exists(path); });
   std::vector<VerdictRow> rows = compare_references(references);
   if (static_cast<int>(frames_.size()) >= min_frames_for_rig) {
     CaptureSession session;

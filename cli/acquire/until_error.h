@@ -43,7 +43,7 @@ bool is_of_the_devices(const VerdictRow& row);
 /// How the last photograph of the reference light differs from the first, of `photographs` in their order: a
 /// row where the picture moved, else one where light was added to all of it. Measured directly, to first
 /// order in the shift, so it needs no other photograph; brightness alone is drift and no row.
-std::vector<VerdictRow> compare_references(const std::vector<std::filesystem::path>& photographs);
+std::vector<VerdictRow> compare_references(const std::vector<fs::path>& photographs);
 
 /// Checks the photographs while a capture goes on, so that a person can still do something.
 class CaptureWatch {
@@ -62,8 +62,8 @@ class CaptureWatch {
   void check(const CaptureFrame& frame);
   int every_;
   std::vector<CaptureFrame> frames_;
-  std::vector<std::filesystem::path> references_;  ///< that may be there already
-  bool taken_ = false;                             ///< a photograph, by this run
+  std::vector<fs::path> references_;  ///< that may be there already
+  bool taken_ = false;                ///< a photograph, by this run
   std::optional<Findings> known_;
 };
 

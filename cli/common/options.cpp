@@ -271,7 +271,7 @@ void print_json(const Json& figures) {
   printed = figures;
 }
 
-void write_json(const std::filesystem::path& path, const Json& figures) {
+void write_json(const fs::path& path, const Json& figures) {
   write_text_atomically(path, json_text(figures, 2) + "\n");
 }
 
@@ -460,9 +460,8 @@ void add_capture_options(CLI::App& verb, CaptureOptions& options) {
 
 Parameterisation parameterisation_of(const std::string& name, const std::string& lights) {
   if (!name.empty()) return parameterisation_from_name(name);
-  const std::filesystem::path path = lights;
-  const bool is_probe = std::filesystem::exists(
-      (std::filesystem::is_directory(path) ? path : path.parent_path()) / "probe.toml");
+  const fs::path path = lights;
+  const bool is_probe = fs::exists((fs::is_directory(path) ? path : path.parent_path()) / "probe.toml");
   return is_probe ? Parameterisation::lat_long : Parameterisation::monitor;
 }
 
@@ -481,8 +480,7 @@ Session open_capture(const CaptureOptions& options) {
   return session;
 }
 
-std::shared_ptr<const void> reserve_output(const std::filesystem::path& output,
-                                           const std::vector<std::filesystem::path>& inputs,
+std::shared_ptr<const void> reserve_output(const fs::path& output, const std::vector<fs::path>& inputs,
                                            const std::string& extension) {
   return std::make_shared<const OutputLock>(output, inputs, extension);
 }

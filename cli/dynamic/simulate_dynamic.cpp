@@ -27,7 +27,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 struct DynamicArguments {
   fs::path scene, output;
   dynamic::TransportOptions transport;

@@ -21,7 +21,6 @@ namespace refield::cli {
 
 namespace {
 
-namespace fs = std::filesystem;
 struct PrtArguments {
   fs::path scene, output;
   std::string method = "clusters", mode = "refined";

@@ -17,8 +17,6 @@
 
 namespace refield::report {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// An exact transport is large: about 16 bytes for each texel that a pixel sees. Above this the exact images

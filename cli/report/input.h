@@ -17,7 +17,7 @@ namespace refield::report {
 
 /// A field under report.
 struct FieldEntry {
-  std::filesystem::path path;
+  fs::path path;
   std::string label;  ///< short and unique among the fields
   std::uint64_t file_bytes = 0;
   ReflectanceField field;
@@ -32,7 +32,7 @@ struct ReportInput {
   CaptureSession session;
   Mask mask;
   std::vector<FieldEntry> fields;
-  std::filesystem::path truth_folder;   ///< empty: none given
+  fs::path truth_folder;                ///< empty: none given
   std::optional<CaptureSession> truth;  ///< the session's held-out frames with exact images as photographs
   std::optional<ReflectanceField> transport;  ///< the exact transport, where the truth folder holds it
   std::string truth_note;                     ///< how the exact images were made
@@ -50,13 +50,12 @@ std::optional<EstimateOptions> options_from_provenance(const std::string& proven
 /// from the map that it was asked for. They are kept in `scratch`, which must outlive the input. Throws
 /// InputError for a missing field and for one that does not fit the session. The first field tells which
 /// frames it was not estimated from (mark_held_out()).
-ReportInput load_input(const CaptureSession& session, const std::vector<std::filesystem::path>& field_paths,
-                       const std::filesystem::path& truth_folder, const std::filesystem::path& scratch,
-                       const RunContext& run);
+ReportInput load_input(const CaptureSession& session, const std::vector<fs::path>& field_paths,
+                       const fs::path& truth_folder, const fs::path& scratch, const RunContext& run);
 
 /// What a stage wrote about its own run, beside what it made.
 struct RunLog {
-  std::filesystem::path path;
+  fs::path path;
   std::string stage;
   std::optional<double> seconds;
   std::optional<std::uint64_t> peak_memory_bytes;
@@ -66,16 +65,15 @@ struct RunLog {
 
 /// MADE.log.json, beside the file or folder that a stage made. Beside, not inside: a folder that a resumed
 /// run finished holds the same bytes as one that was made in one go.
-std::filesystem::path run_log_path(const std::filesystem::path& made);
+fs::path run_log_path(const fs::path& made);
 
 /// Writes the log of a run that made `made`, with the most memory that this process has held, then `details`
 /// (an object).
-void write_run_log(const std::filesystem::path& made, const std::string& stage, double seconds,
-                   const Json& details);
+void write_run_log(const fs::path& made, const std::string& stage, double seconds, const Json& details);
 
 /// Reads a run log: a JSON object of stage, seconds, peak_memory_bytes, threads and more. nullopt when there
 /// is none. Throws FormatError when it is no such object.
-std::optional<RunLog> read_run_log(const std::filesystem::path& path);
+std::optional<RunLog> read_run_log(const fs::path& path);
 
 /// The logs of the stages that led to the report, in the data's order: simulate, acquire, estimate.
 std::vector<RunLog> find_run_logs(const ReportInput& input);

@@ -128,12 +128,12 @@ Json photo_json(const Image& image, double exposure) {
 std::string session_name(const CaptureSession& session) {
   if (session.folder.empty() && !session.frames.empty()) {
     const CaptureFrame& frame = session.frames.front();
-    const auto observed = std::filesystem::weakly_canonical(frame.observed).parent_path();
-    const auto light = std::filesystem::weakly_canonical(frame.illumination).parent_path();
+    const auto observed = fs::weakly_canonical(frame.observed).parent_path();
+    const auto light = fs::weakly_canonical(frame.illumination).parent_path();
     const bool side_by_side = observed != light && observed.parent_path() == light.parent_path();
     return (side_by_side ? observed.parent_path() : observed).filename().string();
   }
-  auto folder = std::filesystem::weakly_canonical(session.folder);
+  auto folder = fs::weakly_canonical(session.folder);
   if (!folder.has_filename()) folder = folder.parent_path();
   if (folder.filename() == "session" && folder.has_parent_path()) folder = folder.parent_path();
   return folder.filename().string();

@@ -22,8 +22,6 @@
 
 namespace refield::web {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr int mantissa_bits = 9;

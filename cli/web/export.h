@@ -62,9 +62,8 @@ struct PageMap {
 /// bars. `title` heads the page. `maps` are stored as half floats. Data of an earlier export to
 /// `folder` are removed. Throws InputError for a field that does not fit a page, DeviceError where the disk
 /// refuses.
-ExportReport export_page(const ReflectanceField& field, const std::string& title,
-                         const std::filesystem::path& folder, const std::vector<PageMap>& maps = {},
-                         const RunContext& run = {});
+ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,
+                         const std::vector<PageMap>& maps = {}, const RunContext& run = {});
 
 /// One of the page's files, as it stood in cli/web when the program was built.
 struct PageFile {

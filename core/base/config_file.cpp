@@ -15,8 +15,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 std::string text_of(const toml::node& node) {

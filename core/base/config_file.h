@@ -3,7 +3,6 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
-#include <filesystem>
 #include <initializer_list>
 #include <limits>
 #include <map>
@@ -15,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/errors.h"
 #include "core/base/units.h"
 
 namespace refield {
@@ -88,10 +88,10 @@ class ConfigSection {
 
  private:
   friend class ConfigFile;
-  ConfigSection(const std::filesystem::path& file, std::string name, const void* table)
+  ConfigSection(const fs::path& file, std::string name, const void* table)
       : file_(&file), name_(std::move(name)), table_(table) {}
   std::string path_of(const std::string& key) const;
-  const std::filesystem::path* file_;
+  const fs::path* file_;
   std::string name_;
   const void* table_;  // the TOML library's
   std::set<std::string> known_;
@@ -102,7 +102,7 @@ class ConfigFile {
  public:
   /// `what` ("recipe", "rig file") names the kind in messages, `manual` the page that describes it.
   /// Throws InputError for a file that is missing or no TOML.
-  ConfigFile(std::filesystem::path path, std::string what, std::string manual);
+  ConfigFile(fs::path path, std::string what, std::string manual);
   ~ConfigFile();
   ConfigFile(const ConfigFile&) = delete;
   ConfigFile& operator=(const ConfigFile&) = delete;
@@ -110,7 +110,7 @@ class ConfigFile {
   /// Takes what this file lacks, key by key, from the file that it names as `base`, relative to its folder.
   /// Arrays are taken as a whole. Returns the path of that file, empty where none is named. Throws InputError
   /// where it cannot be read.
-  std::filesystem::path add_base();
+  fs::path add_base();
   /// Throws InputError when the file holds another table or key; `known` are shown in that order.
   void check_names(std::initializer_list<const char*> known) const;
   bool has(const std::string& name) const;
@@ -127,7 +127,7 @@ class ConfigFile {
 
  private:
   struct Content;
-  std::filesystem::path path_;
+  fs::path path_;
   std::string what_, manual_;
   std::unique_ptr<Content> content_;
 };

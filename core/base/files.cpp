@@ -16,8 +16,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// Flushes a file's or folder's content to the device.

@@ -2,31 +2,31 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "core/base/errors.h"
+
 namespace refield {
 
 /// Writes a file so that a crash at any moment leaves either the old content or the new one: `write` fills a
 /// temporary file beside `path` (same extension), which is then flushed to the device and renamed onto
 /// `path`. The temporary is removed when `write` throws. Throws DeviceError where the system refuses.
-void write_atomically(const std::filesystem::path& path,
-                      const std::function<void(const std::filesystem::path& temporary)>& write);
+void write_atomically(const fs::path& path, const std::function<void(const fs::path& temporary)>& write);
 
-void write_text_atomically(const std::filesystem::path& path, std::string_view text);
+void write_text_atomically(const fs::path& path, std::string_view text);
 
 /// Whole file as text. Throws DeviceError when it cannot be read.
-std::string read_text(const std::filesystem::path& path);
+std::string read_text(const fs::path& path);
 
 /// A file of which pieces are read, by any number of threads. What replaces it meanwhile is not seen.
 class OpenFile {
  public:
   /// Throws DeviceError when it cannot be opened.
-  explicit OpenFile(std::filesystem::path path);
+  explicit OpenFile(fs::path path);
   ~OpenFile();
   OpenFile(const OpenFile&) = delete;
   OpenFile& operator=(const OpenFile&) = delete;
@@ -34,7 +34,7 @@ class OpenFile {
   void read(std::uint64_t offset, std::span<std::byte> piece) const;
 
  private:
-  std::filesystem::path path_;
+  fs::path path_;
   int descriptor_;
 };
 
@@ -43,7 +43,7 @@ class OpenFile {
 class MappedFile {
  public:
   /// Throws DeviceError when it cannot be read.
-  explicit MappedFile(const std::filesystem::path& path);
+  explicit MappedFile(const fs::path& path);
   ~MappedFile();
   MappedFile(const MappedFile&) = delete;
   MappedFile& operator=(const MappedFile&) = delete;
@@ -55,29 +55,29 @@ class MappedFile {
 };
 
 /// Whether a file's name is that of a camera's own format (DNG, CR2, NEF and others).
-bool is_camera_raw(const std::filesystem::path& path);
+bool is_camera_raw(const fs::path& path);
 
 /// Creates a folder and its parents. Throws DeviceError when the system refuses.
-void create_folders(const std::filesystem::path& folder);
+void create_folders(const fs::path& folder);
 
 /// Throws DeviceError (ENOSPC) unless the file system that holds `path` has `bytes` free. Asked before long
 /// work begins.
-void require_free_space(const std::filesystem::path& path, std::uint64_t bytes);
+void require_free_space(const fs::path& path, std::uint64_t bytes);
 
 /// A file that a pattern found, and what its wildcards stood for ("train_*.exr" on train_007.exr: "007").
 struct GlobMatch {
-  std::filesystem::path path;
+  fs::path path;
   std::string wildcard;
 };
 
 /// The order of file names: numbers in them count as numbers, so that photo_9 comes before photo_10.
-bool comes_before(const std::filesystem::path& one, const std::filesystem::path& other);
+bool comes_before(const fs::path& one, const fs::path& other);
 
 /// Files that match a pattern with `*` and `?` in its last component, as comes_before() sorts them. A folder
 /// stands for all image files in it. Throws InputError when nothing matches.
 std::vector<GlobMatch> expand_glob(const std::string& pattern);
 
 /// What a list of files, folders and patterns names, in order; an existing file stands for itself.
-std::vector<std::filesystem::path> expand_globs(const std::vector<std::string>& patterns);
+std::vector<fs::path> expand_globs(const std::vector<std::string>& patterns);
 
 }  // namespace refield

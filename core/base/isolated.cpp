@@ -58,7 +58,7 @@ class SpawnAttributes {
   posix_spawnattr_t attributes_{};
 };
 
-pid_t start(const std::filesystem::path& program, const IsolatedReading& reading, int answer) {
+pid_t start(const fs::path& program, const IsolatedReading& reading, int answer) {
   std::vector<std::string> words =
       reader_arguments(reading.reader, ::getpid(), reading.limits, reading.arguments);
   words.insert(words.begin(), program.string());
@@ -89,8 +89,8 @@ std::optional<std::string> answer_of(const IsolatedReading& reading, FileReader 
   }
 }
 
-std::optional<std::string> read_in_process(const std::filesystem::path& program,
-                                           const IsolatedReading& reading, const RunContext& run) {
+std::optional<std::string> read_in_process(const fs::path& program, const IsolatedReading& reading,
+                                           const RunContext& run) {
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0)
     throw DeviceError("pipe", errno, "cannot start a process to read a file");

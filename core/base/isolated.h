@@ -51,7 +51,7 @@ std::optional<std::string> answer_of(const IsolatedReading& reading, FileReader 
 /// where it crashed, hung, used more than the limits allow or answered too long. Keeps accidents in, not
 /// intruders: the process has the caller's rights. It ends with the calling process. Safe in processes with
 /// threads. Throws DeviceError when the program cannot be started, Interrupted when `run` is stopped.
-std::optional<std::string> read_in_process(const std::filesystem::path& program,
-                                           const IsolatedReading& reading, const RunContext& run);
+std::optional<std::string> read_in_process(const fs::path& program, const IsolatedReading& reading,
+                                           const RunContext& run);
 
 }  // namespace refield

@@ -17,8 +17,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// Files of a session folder beside those that its manifest lists.

@@ -10,7 +10,7 @@
 #include <optional>
 #include <string>
 
-#include "refield/run_context.h"
+#include "core/base/errors.h"
 
 namespace refield {
 

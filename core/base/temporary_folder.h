@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "refield/run_context.h"
+#include "core/base/errors.h"
 
 namespace refield {
 
@@ -14,20 +14,20 @@ class TemporaryFolder {
  public:
   /// Throws DeviceError where the system refuses.
   TemporaryFolder() {
-    std::string name = std::filesystem::temp_directory_path() / "refield-XXXXXX";
+    std::string name = fs::temp_directory_path() / "refield-XXXXXX";
     if (!::mkdtemp(name.data())) throw DeviceError(name, errno, "cannot create a temporary folder");
     path_ = name;
   }
   ~TemporaryFolder() {
     std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
+    fs::remove_all(path_, ignored);
   }
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
+  const fs::path& path() const { return path_; }
 
  private:
-  std::filesystem::path path_;
+  fs::path path_;
 };
 
 }  // namespace refield

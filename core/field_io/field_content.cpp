@@ -17,8 +17,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr const char* field_format_name = "refield reflectance field";

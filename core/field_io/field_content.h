@@ -34,7 +34,7 @@ std::string fault_of_outline(const FieldOutline& field);
 std::string fault_of_transfer(const SparseTransfer& transfer, std::uint64_t pixels, std::size_t kernels);
 std::string fault_of_statistics(const FieldOutline& field);
 /// Throws SolverError where a field about to be written has a fault.
-void require_readable(const std::string& fault, const std::filesystem::path& destination);
+void require_readable(const std::string& fault, const fs::path& destination);
 
 /// A file of a field or of part of one.
 struct FieldFile {
@@ -43,7 +43,7 @@ struct FieldFile {
   int version = 0;
 };
 /// Throws FormatError where it is no such file, or of a version that this program does not know.
-FieldFile open_field(const std::filesystem::path& path, const RunContext& run);
+FieldFile open_field(const fs::path& path, const RunContext& run);
 
 /// Sizes, light and provenance: what a reader needs before it asks for the numbers.
 FieldOutline read_outline(const Hdf5Values& values);

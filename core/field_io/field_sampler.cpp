@@ -14,10 +14,10 @@
 
 namespace refield {
 
-std::unique_ptr<const FieldSampler> FieldSampler::open(const std::filesystem::path& path,
-                                                       const RunContext& run, std::uint64_t from_bytes) {
+std::unique_ptr<const FieldSampler> FieldSampler::open(const fs::path& path, const RunContext& run,
+                                                       std::uint64_t from_bytes) {
   std::error_code error;
-  if (const auto bytes = std::filesystem::file_size(path, error); error || bytes < from_bytes) return nullptr;
+  if (const auto bytes = fs::file_size(path, error); error || bytes < from_bytes) return nullptr;
   FieldFile file = open_field(path, run);
   if (file.part || file.version == packed_field_version) return nullptr;
   constexpr std::uint64_t bytes_per_entry = sizeof(std::uint32_t) + 3 * sizeof(float);

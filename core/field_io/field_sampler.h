@@ -47,8 +47,7 @@ class FieldSampler {
   /// Nothing where the transfer of a file takes less than `from_bytes`, and for fields that are not rows of
   /// pixels under a monitor or lat-long map: packed, over a mesh or a cube map, and shards. Throws what
   /// read_reflectance_field() throws for faults outside transfer and statistics, which are not read yet.
-  static std::unique_ptr<const FieldSampler> open(const std::filesystem::path& path,
-                                                  const RunContext& run = {},
+  static std::unique_ptr<const FieldSampler> open(const fs::path& path, const RunContext& run = {},
                                                   std::uint64_t from_bytes = large_transfer_bytes);
 
   /// Without the transfer's boxes and statistics of pixels.

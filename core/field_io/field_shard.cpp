@@ -10,8 +10,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 struct Outline {

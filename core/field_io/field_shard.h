@@ -26,24 +26,24 @@ struct FieldPart {
 };
 
 /// Whether a file is a part of a field. False for whole fields and for anything else.
-bool is_field_part(const std::filesystem::path& path, const RunContext& run = {});
+bool is_field_part(const fs::path& path, const RunContext& run = {});
 
 /// Writes a part, atomically. Throws DeviceError where the disk refuses.
-void write_field_part(const std::filesystem::path& path, const FieldPart& part);
+void write_field_part(const fs::path& path, const FieldPart& part);
 
 /// Reads a part and checks it as read_reflectance_field() does. Throws InputError for a whole field,
 /// FormatError for anything else.
-FieldPart read_field_part(const std::filesystem::path& path, const RunContext& run = {});
+FieldPart read_field_part(const fs::path& path, const RunContext& run = {});
 /// Reads a part without its boxes, transfer and statistics.
-FieldPart read_field_part_outline(const std::filesystem::path& path, const RunContext& run);
+FieldPart read_field_part_outline(const fs::path& path, const RunContext& run);
 
 /// Joins parts, given in any order, into the file of the field that one run over all rows makes, to the bit.
 /// Each part is read twice, and one of them is held at a time; parts with light sources to interpolate
 /// between are read once, and all are held. Returns the field, of whose transfer only row_start is certain to
 /// be there. Throws InputError naming the files where rows are missing or held twice, or where parts come
 /// from different captures, options or versions; else as write_reflectance_field().
-ReflectanceField merge_field_parts(std::span<const std::filesystem::path> paths,
-                                   const std::filesystem::path& output, const RunContext& run = {});
+ReflectanceField merge_field_parts(std::span<const fs::path> paths, const fs::path& output,
+                                   const RunContext& run = {});
 
 /// A transfer that is too large to stand in memory as a whole; pieces are some rows each, in order.
 struct TransferPieces {
@@ -57,10 +57,10 @@ struct TransferPieces {
 /// than one piece is held. A file of that name appears, or changes, only once all of it is written. Throws
 /// DeviceError where the disk refuses (asked for the space of all pieces before the first), SolverError for
 /// pieces that do not fit the field, Interrupted.
-void write_reflectance_field(const std::filesystem::path& path, const FieldOutline& field,
-                             const TransferPieces& transfer, const RunContext& run);
+void write_reflectance_field(const fs::path& path, const FieldOutline& field, const TransferPieces& transfer,
+                             const RunContext& run);
 /// Writes a part; `part`'s own transfer is ignored.
-void write_field_part(const std::filesystem::path& path, const FieldPart& part,
-                      const TransferPieces& transfer, const RunContext& run);
+void write_field_part(const fs::path& path, const FieldPart& part, const TransferPieces& transfer,
+                      const RunContext& run);
 
 }  // namespace refield

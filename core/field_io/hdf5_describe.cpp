@@ -151,7 +151,7 @@ std::string describe_hdf5(const std::vector<std::string>& arguments) {
                {"texts", Json::object()},
                {"data_sets", Json::object()},
                {"refused", Json::object()}};
-  describe_attributes(file, std::filesystem::file_size(path), outline);
+  describe_attributes(file, fs::file_size(path), outline);
   // One link after another: of a path whose first part is missing, HDF5 would complain.
   for (std::size_t i = 1; i < arguments.size(); ++i) describe_data_set(file, arguments[i].c_str(), outline);
   std::string bytes;

@@ -14,8 +14,8 @@
 
 namespace refield {
 
-std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
-                                             std::span<const char* const> data_sets, const RunContext& run) {
+std::optional<Hdf5Outline> read_hdf5_outline(const fs::path& path, std::span<const char* const> data_sets,
+                                             const RunContext& run) {
   IsolatedReading reading{"hdf5", {path.string()}};
   reading.arguments.insert(reading.arguments.end(), data_sets.begin(), data_sets.end());
   const auto answer = answer_of(reading, describe_hdf5, run);
@@ -40,8 +40,6 @@ std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
     return std::nullopt;
   }
 }
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -37,14 +37,14 @@ struct Hdf5Outline {
 /// reads the values itself. nullopt where the file is no HDF5 file or the library did not survive it. Links
 /// that lead elsewhere (soft, external) are not followed; they and data sets that are not stored in one piece
 /// in this very file (chunked, compressed, external, virtual) are refused.
-std::optional<Hdf5Outline> read_hdf5_outline(const std::filesystem::path& path,
-                                             std::span<const char* const> data_sets, const RunContext& run);
+std::optional<Hdf5Outline> read_hdf5_outline(const fs::path& path, std::span<const char* const> data_sets,
+                                             const RunContext& run);
 
 /// Reads values from a reflectance field's HDF5 file, whose outline is known; checks all that is asked for.
 /// Throws FormatError.
 struct Hdf5Values {
   Hdf5Outline outline;
-  std::filesystem::path path;
+  fs::path path;
 
   [[noreturn]] void fail(const std::string& what) const;
   bool has(const char* name) const { return outline.data_sets.contains(name); }

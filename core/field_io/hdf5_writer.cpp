@@ -39,7 +39,7 @@ hid_t type_of() {
 /// before the library's first use.
 [[maybe_unused]] const bool no_cleaning_at_exit = H5dont_atexit() >= 0;
 
-hid_t create(const std::filesystem::path& file) {
+hid_t create(const fs::path& file) {
   H5Eset_auto2(H5E_DEFAULT, nullptr,
                nullptr);  // its error stack would be printed; ours go through exceptions
   const Hdf5Id access(H5Pcreate(H5P_FILE_ACCESS));
@@ -60,8 +60,7 @@ std::uint32_t crc32_joined(std::uint32_t first, std::uint32_t second, std::size_
   return static_cast<std::uint32_t>(crc32_combine(first, second, static_cast<z_off_t>(second_bytes)));
 }
 
-Hdf5Writer::Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination)
-    : destination_(destination) {
+Hdf5Writer::Hdf5Writer(const fs::path& file, const fs::path& destination) : destination_(destination) {
   static_assert(std::is_same_v<hid_t, std::int64_t> || sizeof(hid_t) == sizeof(std::int64_t));
   errno = 0;
   file_ = create(file);

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
-#include <filesystem>
 #include <initializer_list>
 #include <span>
 #include <string>
+
+#include "core/base/errors.h"
 
 namespace refield {
 
@@ -13,7 +14,7 @@ namespace refield {
 class Hdf5Writer {
  public:
   /// Creates `file`; errors name `destination`.
-  Hdf5Writer(const std::filesystem::path& file, const std::filesystem::path& destination);
+  Hdf5Writer(const fs::path& file, const fs::path& destination);
   ~Hdf5Writer();
   Hdf5Writer(const Hdf5Writer&) = delete;
   Hdf5Writer& operator=(const Hdf5Writer&) = delete;
@@ -32,7 +33,7 @@ class Hdf5Writer {
   template <class T>
   friend class Hdf5DataSetWriter;
   void check(bool ok) const;
-  std::filesystem::path destination_;
+  fs::path destination_;
   std::int64_t file_;
 };
 

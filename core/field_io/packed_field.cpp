@@ -74,8 +74,6 @@ ReflectanceField expand(PackedField&& packed) {
   return field;
 }
 
-namespace fs = std::filesystem;
-
 namespace {
 
 using Word = std::uint32_t;

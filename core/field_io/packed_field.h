@@ -40,7 +40,7 @@ SparseTransfer expand_tiles(const TransferTiles& tiles, RowRange tile_rows, cons
 
 /// Writes a packed field (.rfield), atomically. Equal fields give equal bytes. Throws DeviceError where the
 /// disk refuses.
-void write_packed_field(const std::filesystem::path& path, const PackedField& packed);
+void write_packed_field(const fs::path& path, const PackedField& packed);
 
 /// Reads a packed field from an open file and checks all of it; throws FormatError. read_either_field() opens
 /// files of both kinds.

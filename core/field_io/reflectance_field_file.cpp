@@ -12,8 +12,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// `part` is null for a whole field, else it says which rows these are.

@@ -17,7 +17,7 @@ inline constexpr int packed_field_version = 3;
 
 /// Writes a field as one HDF5 file (.rfield), atomically. Equal fields give equal bytes.
 /// Throws DeviceError where the disk refuses.
-void write_reflectance_field(const std::filesystem::path& path, const ReflectanceField& field);
+void write_reflectance_field(const fs::path& path, const ReflectanceField& field);
 
 inline constexpr std::uint64_t large_transfer_bytes = std::uint64_t{1} << 30;
 
@@ -25,14 +25,14 @@ inline constexpr std::uint64_t large_transfer_bytes = std::uint64_t{1} << 30;
 /// weights. Throws FormatError for another kind of file, another version or damaged content. Columns and
 /// weights of `map_from` bytes or more stay in the file (FileVector), which must not be written to in place
 /// meanwhile: a picture of 24 megapixels takes 1 GiB then instead of 9.
-ReflectanceField read_reflectance_field(const std::filesystem::path& path, const RunContext& run = {},
+ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& run = {},
                                         std::uint64_t map_from = large_transfer_bytes);
 
 /// Reads a field of a fixed camera. Throws InputError for a field over a mesh.
-ReflectanceField read_image_field(const std::filesystem::path& path, const RunContext& run);
+ReflectanceField read_image_field(const fs::path& path, const RunContext& run);
 
 /// As read_reflectance_field(), but leaves a packed field as it is in the file.
-std::variant<ReflectanceField, PackedField> read_either_field(const std::filesystem::path& path,
+std::variant<ReflectanceField, PackedField> read_either_field(const fs::path& path,
                                                               const RunContext& run = {});
 
 }  // namespace refield

@@ -71,7 +71,7 @@ int rows_stored_together(const Imf::Header& header) {
 
 class ExrFile final : public ImageFile {
  public:
-  explicit ExrFile(const std::filesystem::path& path) : file_(path.c_str(), exr_threads()) { select_part(0); }
+  explicit ExrFile(const fs::path& path) : file_(path.c_str(), exr_threads()) { select_part(0); }
 
   bool select_part(int part) override {
     if (part >= file_.parts()) return false;
@@ -158,9 +158,8 @@ class ExrFile final : public ImageFile {
 
 }  // namespace
 
-void write_exr_channels(const std::filesystem::path& path, int width, int height,
-                        const std::vector<std::string>& names, const float* values, bool as_half,
-                        std::span<const float> chromaticities) {
+void write_exr_channels(const fs::path& path, int width, int height, const std::vector<std::string>& names,
+                        const float* values, bool as_half, std::span<const float> chromaticities) {
   Imf::Header header(width, height);
   header.compression() = Imf::ZIP_COMPRESSION;
   const Imf::PixelType type = as_half ? Imf::HALF : Imf::FLOAT;
@@ -186,7 +185,7 @@ void write_exr_channels(const std::filesystem::path& path, int width, int height
 
 namespace {
 
-PromisedImage promised_by(const Imf::Header& header, const std::filesystem::path& path) {
+PromisedImage promised_by(const Imf::Header& header, const fs::path& path) {
   if (header.hasType() && header.type().starts_with("deep")) throw FormatError(path, deep_text);
   const auto& window = header.dataWindow();
   const std::int64_t width = std::int64_t{window.max.x} - window.min.x + 1,
@@ -229,7 +228,7 @@ PromisedImage promised_by(const Imf::Header& header, const std::filesystem::path
 
 /// OpenEXR reserves the memory that an attribute states before it reads it: what exceeds the file is refused
 /// first.
-void require_possible_attributes(FileBytes& file, std::uint64_t at, const std::filesystem::path& path) {
+void require_possible_attributes(FileBytes& file, std::uint64_t at, const fs::path& path) {
   constexpr std::uint64_t longest_name = 255;
   const auto next_text = [&] {
     std::string text = file.text(at, longest_name + 1);
@@ -252,7 +251,7 @@ void require_possible_attributes(FileBytes& file, std::uint64_t at, const std::f
 
 }  // namespace
 
-std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path) {
+std::vector<PromisedImage> read_exr_headers(const fs::path& path) {
   try {
     Imf::StdIFStream file(path.c_str());
     int magic = 0, version = 0;
@@ -281,7 +280,7 @@ std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path) {
   }
 }
 
-std::unique_ptr<ImageFile> open_exr(const std::filesystem::path& path) {
+std::unique_ptr<ImageFile> open_exr(const fs::path& path) {
   return std::make_unique<ExrFile>(path);
 }
 

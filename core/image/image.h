@@ -3,6 +3,7 @@
 
 #include <string>
 
+#include "core/base/errors.h"
 #include "refield/image.h"
 
 namespace refield {

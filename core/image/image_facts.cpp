@@ -13,8 +13,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 using namespace std::string_view_literals;

@@ -39,7 +39,7 @@ inline constexpr const char* unknown_encoding =
 
 /// Values that a damaged header states are left out. Throws DeviceError for a missing file and FormatError
 /// where an EXR header is damaged.
-ImageFacts read_image_facts(const std::filesystem::path& path);
+ImageFacts read_image_facts(const fs::path& path);
 
 /// Turns or mirrors samples [height × width × channels] as stored into the upright picture, and swaps `width`
 /// and `height` from orientation 5 on. `orientation`: 1 to 8, else 1. Source: TIFF 6.0, tag 274.

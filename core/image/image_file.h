@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
-#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "core/base/errors.h"
 
 namespace refield {
 
@@ -67,14 +68,13 @@ const ImageFormats& image_formats();
 
 /// Opens an image for reading after a check of its header. Throws DeviceError for a missing file and
 /// FormatError for one that is no image.
-std::unique_ptr<ImageFile> open_image_file(const std::filesystem::path& path);
+std::unique_ptr<ImageFile> open_image_file(const fs::path& path);
 
 /// An OpenEXR file. Throws what OpenEXR does.
-std::unique_ptr<ImageFile> open_exr(const std::filesystem::path& path);
+std::unique_ptr<ImageFile> open_exr(const fs::path& path);
 /// Writes interleaved channels (ZIP); `chromaticities`: x and y of the red, green and blue primaries and of
 /// white, or empty. Equal content gives equal files. Throws what OpenEXR does.
-void write_exr_channels(const std::filesystem::path& path, int width, int height,
-                        const std::vector<std::string>& names, const float* values, bool as_half,
-                        std::span<const float> chromaticities);
+void write_exr_channels(const fs::path& path, int width, int height, const std::vector<std::string>& names,
+                        const float* values, bool as_half, std::span<const float> chromaticities);
 
 }  // namespace refield

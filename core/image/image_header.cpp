@@ -11,8 +11,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 FileBytes::FileBytes(const fs::path& path) : size_(fs::file_size(path)) {
   file_.rdbuf()->pubsetbuf(nullptr, 0);  // each place would fill the buffer anew
   file_.open(path, std::ios::binary);

@@ -16,7 +16,7 @@ namespace refield {
 /// Numbers and texts at any place of a file. What lies beyond its end reads as zero, or is missing.
 class FileBytes {
  public:
-  explicit FileBytes(const std::filesystem::path& path);
+  explicit FileBytes(const fs::path& path);
 
   std::uint64_t size() const { return size_; }
   std::string text(std::uint64_t at, std::uint64_t count);
@@ -39,13 +39,13 @@ struct RadianceHeader {
 };
 
 /// Throws FormatError.
-RadianceHeader read_radiance_header(const std::filesystem::path& path);
+RadianceHeader read_radiance_header(const fs::path& path);
 
 /// Reads a Radiance picture as linear RGB, upright and divided by its exposure: the radiance that was stored
 /// before programs changed its brightness. CIE XYZ becomes linear Rec.709. Scan lines may be flat or
 /// compressed in the new or the old way. Throws FormatError for a damaged or truncated file. Source: G. Ward,
 /// "Real Pixels", Graphics Gems II, 1991; Radiance file formats (filefmts.pdf), "Picture file format".
-Image read_radiance(const std::filesystem::path& path);
+Image read_radiance(const fs::path& path);
 
 /// What an image file is, identified by its first bytes, whatever its name.
 enum class ImageFormat { exr, hdr, png, jpeg, tiff, pfm };
@@ -66,20 +66,20 @@ struct PromisedImage {
 const char* name_of(ImageFormat format);
 
 /// nullopt for a file of another kind. Throws DeviceError when it cannot be read.
-std::optional<ImageFormat> image_format(const std::filesystem::path& path);
+std::optional<ImageFormat> image_format(const fs::path& path);
 
 /// Throws FormatError for dimensions that are impossible, or that promise far more pixels than the file can
 /// hold: decoders reserve memory for what a header says.
-void require_plausible(const PromisedImage& promised, const std::filesystem::path& path);
+void require_plausible(const PromisedImage& promised, const fs::path& path);
 
 /// Reads an image's header without decoding and checks it, so that a hostile file is refused before a
 /// decoder sees it. EXR, Radiance HDR, PNG and JPEG are looked into; others pass. Throws FormatError.
-void check_image_header(const std::filesystem::path& path, ImageFormat format);
+void check_image_header(const fs::path& path, ImageFormat format);
 
 /// What the headers of an OpenEXR file promise, a part each, read by its library without what follows them.
 /// Throws FormatError for headers that are damaged, and for images that hold no single colour a pixel: deep,
 /// sub-sampled, or of whole numbers.
-std::vector<PromisedImage> read_exr_headers(const std::filesystem::path& path);
+std::vector<PromisedImage> read_exr_headers(const fs::path& path);
 
 /// Whether a marker of a JPEG file begins a frame header, which states its size (ITU T.81, table B.1).
 bool is_jpeg_frame(std::uint64_t marker);

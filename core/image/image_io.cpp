@@ -28,8 +28,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 [[noreturn]] void fail_to_open(const fs::path& path, const std::string& why) {

@@ -23,18 +23,18 @@ struct ImageHeader {
 };
 
 /// Throws DeviceError for a missing file and FormatError for one that is no image.
-ImageHeader read_image_header(const std::filesystem::path& path);
+ImageHeader read_image_header(const fs::path& path);
 
 /// What an image is read for. Textures of meshes are sRGB, upright and opaque whatever their files state:
 /// exporters leave alpha in those of opaque materials, and glTF 2.0, section 3.8.3, has profiles ignored.
 enum class ImageUse { picture, texture };
 
 /// As refield/image.h's, for a use. Check values with require_finite().
-Image read_image(const std::filesystem::path& path, ImageUse use);
+Image read_image(const fs::path& path, ImageUse use);
 
 /// Reads rows [first, last) of a photograph, and no more of the file than the blocks that hold them.
-Photograph read_photograph_rows(const std::filesystem::path& path, int first, int last);
-Photograph read_photograph(const std::filesystem::path& path);
+Photograph read_photograph_rows(const fs::path& path, int first, int last);
+Photograph read_photograph(const fs::path& path);
 
 /// What becomes of a light map whose file states other primaries than Rec.709's, apart from a note.
 enum class Primaries {
@@ -43,12 +43,12 @@ enum class Primaries {
 };
 
 /// As refield/light_map.h's, which keeps primaries as stored.
-LightMap read_light_map(const std::filesystem::path& path, Parameterisation parameterisation,
-                        const RunContext& run, Primaries primaries);
+LightMap read_light_map(const fs::path& path, Parameterisation parameterisation, const RunContext& run,
+                        Primaries primaries);
 /// The same of a map in memory, which messages call `name`; without the primaries.
-void repair_light_map(LightMap& light, const std::filesystem::path& name, const RunContext& run = {});
+void repair_light_map(LightMap& light, const fs::path& name, const RunContext& run = {});
 
-void write_photograph(const std::filesystem::path& path, const Photograph& photograph,
+void write_photograph(const fs::path& path, const Photograph& photograph,
                       Precision precision = Precision::single);
 
 /// What a screen shows, 8 bits a channel: row-major, top row first, channels interleaved.
@@ -63,7 +63,7 @@ struct ScreenImage {
 std::vector<std::uint8_t> encode_png(const ScreenImage& image);
 /// A one- or three-channel image as a PNG file in memory, or on disk (atomically).
 std::vector<std::uint8_t> encode_png(const Image& image, const ToneMapping& mapping = {});
-void write_png(const std::filesystem::path& path, const Image& image, const ToneMapping& mapping = {});
-void write_png(const std::filesystem::path& path, const ScreenImage& image);
+void write_png(const fs::path& path, const Image& image, const ToneMapping& mapping = {});
+void write_png(const fs::path& path, const ScreenImage& image);
 
 }  // namespace refield

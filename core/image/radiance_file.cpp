@@ -16,8 +16,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// "-Y 16 +X 32": the slower axis first; a minus sign says that it begins at the top or at the right.

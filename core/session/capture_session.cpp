@@ -22,8 +22,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 constexpr const char* format_name = "refield capture session";

@@ -24,7 +24,7 @@ struct FrameCorrection {
   std::array<float, 3> gain{1.0f, 1.0f, 1.0f};  ///< of each channel, on top of CaptureFrame::gain
   float room = 0.0f;                            ///< room light, as a multiple of a picture of it
   /// The photograph of the room light; empty: the mean photograph in grey stands for it.
-  std::filesystem::path ambient;
+  fs::path ambient;
   Eigen::Matrix3f primaries_from_camera = Eigen::Matrix3f::Identity();
   /// The light that was emitted: white · (light / white)^tone of each channel.
   std::array<float, 3> tone{1.0f, 1.0f, 1.0f};
@@ -39,9 +39,9 @@ struct FrameCorrection {
 struct CaptureFrame {
   std::string name;  ///< unique, for example "train_007"
   FrameRole role = FrameRole::train;
-  std::string kind;                    ///< of light: "natural", "bar", "square", "white", "black"; free text
-  std::filesystem::path illumination;  ///< EXR: linear radiance that the light emitted
-  std::filesystem::path observed;      ///< EXR: photograph, ambient light already subtracted
+  std::string kind;       ///< of light: "natural", "bar", "square", "white", "black"; free text
+  fs::path illumination;  ///< EXR: linear radiance that the light emitted
+  fs::path observed;      ///< EXR: photograph, ambient light already subtracted
   /// When it was taken, in any unit that grows with time: what the manifest says, else its place there.
   double order = 0.0;
   /// By which read_observed() divides each channel; remove_drift() sets it.
@@ -71,13 +71,13 @@ struct CameraColour {
 /// its manifest (session.toml) are described in docs/reference/capture-session-format.md. It stands in core
 /// because stages meet in it.
 struct CaptureSession {
-  std::filesystem::path folder;  ///< empty for a capture given by globs
+  fs::path folder;  ///< empty for a capture given by globs
   LightDomain light;
   int width = 0;  ///< of the photographs
   int height = 0;
   std::vector<CaptureFrame> frames;
-  std::optional<std::filesystem::path> ambient;
-  std::optional<std::filesystem::path> mask;
+  std::optional<fs::path> ambient;
+  std::optional<fs::path> mask;
   /// Where the monitor stood, one placement for each window of the light maps (check_placements()); empty
   /// where that is not known.
   std::vector<MonitorPlacement> monitors{};
@@ -95,18 +95,19 @@ void write_session_manifest(const CaptureSession& session);
 
 /// What 'acquire colour' and 'acquire geometry' found, of a manifest whose photographs may be gone: sets
 /// `colour`, and `monitors` where the manifest has any. Throws InputError for a broken manifest.
-void read_calibration_of_manifest(const std::filesystem::path& manifest, CaptureSession& session);
+void read_calibration_of_manifest(const fs::path& manifest, CaptureSession& session);
 
 /// Reads a session. Throws InputError for a broken manifest or when a listed file is missing; the message
 /// names the line. Image contents are not read.
-CaptureSession read_capture_session(const std::filesystem::path& folder);
+CaptureSession read_capture_session(const fs::path& folder);
 
 /// Pairs the files of two patterns (or folders) by what their wildcards stood for, else, when no wildcard is
 /// shared, by the whole stem. Sorted by that. Throws InputError naming the first file without a partner, or
 /// with two; `first_kind` and `second_kind` are what the message calls the files.
-std::vector<std::pair<std::filesystem::path, std::filesystem::path>> pair_files(
-    const std::string& first_glob, const std::string& second_glob, const std::string& first_kind,
-    const std::string& second_kind);
+std::vector<std::pair<fs::path, fs::path>> pair_files(const std::string& first_glob,
+                                                      const std::string& second_glob,
+                                                      const std::string& first_kind,
+                                                      const std::string& second_kind);
 
 /// A capture from another tool: light maps and photographs paired by pair_files(), all of role train.
 CaptureSession pair_by_globs(const std::string& light_glob, const std::string& observed_glob,
@@ -130,7 +131,7 @@ Photograph read_observed_rows(const CaptureFrame& frame, int first, int last);
 
 /// Reads a painted mask: non-zero where any channel exceeds one half. Throws InputError when the size
 /// differs.
-Mask read_mask(const std::filesystem::path& path, int width, int height);
+Mask read_mask(const fs::path& path, int width, int height);
 
 /// Rows of a photograph beyond those wanted that undo_rig() needs, above and below.
 int rig_margin(const FrameCorrection* correction);

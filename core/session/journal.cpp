@@ -16,8 +16,6 @@
 
 namespace refield {
 
-namespace fs = std::filesystem;
-
 namespace {
 
 /// step, then path, bytes and checksum of each file, then the line's own checksum; separated by tabs.

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <cstdint>
-#include <filesystem>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "core/base/errors.h"
 
 namespace refield {
 
@@ -30,19 +31,19 @@ std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before = 0);
 std::string crc32_text(std::uint32_t value);
 
 /// Size and checksum of folder/path as it is on disk. Throws DeviceError when it cannot be read.
-JournalFile inspect_file(const std::filesystem::path& folder, const std::string& path);
+JournalFile inspect_file(const fs::path& folder, const std::string& path);
 
 /// True when the file is there with the size and checksum that the journal states.
-bool is_intact(const std::filesystem::path& folder, const JournalFile& file);
+bool is_intact(const fs::path& folder, const JournalFile& file);
 
 /// Entries of a journal; none when there is no file. Lines that are torn or whose checksum is wrong are left
 /// out: their steps count as not done.
-std::vector<JournalEntry> read_journal(const std::filesystem::path& path);
+std::vector<JournalEntry> read_journal(const fs::path& path);
 
 /// Appends one line and flushes it to the device. Throws DeviceError when the system refuses.
-void append_to_journal(const std::filesystem::path& path, const JournalEntry& entry);
+void append_to_journal(const fs::path& path, const JournalEntry& entry);
 
 /// Replaces a journal as a whole, atomically.
-void write_journal(const std::filesystem::path& path, const std::vector<JournalEntry>& entries);
+void write_journal(const fs::path& path, const std::vector<JournalEntry>& entries);
 
 }  // namespace refield
