@@ -2,7 +2,6 @@
 #include "refield/estimate.h"
 
 #include <cstdio>
-#include <memory>
 #include <nlohmann/json.hpp>
 
 #include "common/options.h"

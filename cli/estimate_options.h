@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <CLI/CLI.hpp>
-
-#include <string>
-#include <vector>
-
 #include "common/options.h"
 #include "refield/estimate.h"
 

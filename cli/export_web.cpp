@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <utility>
-#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/report/page.h"

@@ -7,9 +7,7 @@
 #include <sys/mman.h>
 
 #include <cstddef>
-#include <filesystem>
 #include <new>
-#include <stdexcept>
 
 namespace refield {
 

@@ -1,15 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <filesystem>
-#include <map>
-#include <memory>
-#include <optional>
 #include <sstream>
-#include <string>
-#include <utility>
-#include <variant>
 
 #include "acquire/capture/session_writer.h"
 #include "cli/common/options.h"

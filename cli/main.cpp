@@ -11,13 +11,8 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <filesystem>
-#include <memory>
 #include <new>
-#include <string>
-#include <string_view>
 #include <system_error>
-#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"

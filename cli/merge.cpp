@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <chrono>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/report/input.h"

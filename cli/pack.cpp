@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
-#include <filesystem>
-#include <memory>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"

@@ -5,14 +5,8 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <ctime>
-#include <filesystem>
-#include <mutex>
-#include <string>
 
 #include "core/base/isolated.h"
 #include "core/base/number_text.h"

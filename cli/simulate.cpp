@@ -4,8 +4,6 @@
 #include "cli/run_context.h"
 
 #include <cstdio>
-#include <memory>
-#include <optional>
 
 #include "cli/report/input.h"
 #include "cli/verbs.h"

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sys/wait.h>
 
-#include <algorithm>
-#include <cstdio>
-#include <memory>
-
 #include "cli/common/options.h"
 #include "cli/estimate_options.h"
 #include "cli/run_context.h"

@@ -1,10 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <Eigen/Geometry>
-#include <memory>
-#include <numbers>
-#include <span>
-#include <string>
-#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/dynamic/prepared_scene.h"

@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <memory>
-#include <mutex>
-#include <optional>
-#include <span>
-#include <string>
-#include <type_traits>
-#include <utility>
-
 #include "core/base/floating_point.h"
 #include "core/base/run_context.h"
 #include "core/field_io/packed_field.h"

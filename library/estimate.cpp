@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate.h"
 
-#include <algorithm>
-#include <cmath>
-#include <string>
-
 #include "core/base/isolated.h"
 #include "core/base/json.h"
 #include "core/base/output_lock.h"

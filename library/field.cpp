@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/field.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <string>
-
 #include "core/base/output_lock.h"
 #include "core/field/field_statistics.h"
 #include "core/field/light_error.h"

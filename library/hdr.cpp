@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/hdr.h"
 
-#include <string>
-#include <vector>
-
 #include "acquire/import/bracket_response.h"
 #include "library/data.h"
 

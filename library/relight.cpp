@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/relight.h"
 
-#include <tbb/collaborative_call_once.h>
-
-#include <algorithm>
-#include <atomic>
-#include <optional>
-#include <string>
-
 #include "core/base/files.h"
 #include "core/image/image_io.h"
 #include "library/data.h"

@@ -2,8 +2,6 @@
 #include "refield/session.h"
 
 #include <map>
-#include <string>
-#include <utility>
 
 #include "core/session/capture_session.h"
 #include "relight/held_out.h"

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/simulate.h"
 
-#include <optional>
-#include <string>
-
 #include "cli/dynamic/prepared_scene.h"
 #include "core/base/files.h"
 #include "core/base/json.h"

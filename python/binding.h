@@ -8,15 +8,10 @@
 #include <condition_variable>
 #include <deque>
 #include <exception>
-#include <functional>
-#include <memory>
 #include <mutex>
-#include <optional>
-#include <string>
 #include <thread>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 #include "refield/field.h"
 

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Estimation, fields and relighting.
-#include <filesystem>
-#include <span>
-#include <utility>
 
 #include "binding.h"
 #include "refield/estimate.h"

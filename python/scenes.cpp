@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sessions, simulation, precomputed transport, HDR photographs, environments and error measures.
 #include <algorithm>
-#include <filesystem>
 #include <map>
 
 #include "binding.h"

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/frame_pairing.h"
 #include "acquire/illuminator.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "acquire/calibrate/display_light.h"
 #include "acquire/calibrate/response.h"
 #include "acquire/calibrate/timing.h"

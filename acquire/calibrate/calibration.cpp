@@ -4,7 +4,6 @@
 #define TOML_EXCEPTIONS 1
 
 #include <toml++/toml.h>
-#include <Eigen/Core>
 
 #include <algorithm>
 #include <cmath>

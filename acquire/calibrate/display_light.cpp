@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
-#include <functional>
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "acquire/hdr/hdr_merge.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <string>
-
 #include "acquire/calibrate/bench.h"
 
 namespace refield {

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/response.h"
 
-#include <Eigen/Core>
-
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
-#include <numbers>
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/linear_algebra.h"

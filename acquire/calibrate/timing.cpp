@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
-#include <numbers>
 
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-
 #include "acquire/calibrate/bench.h"
 #include "acquire/calibrate/response.h"
 

@@ -2,10 +2,8 @@
 #include "acquire/capture/capture.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <future>
-#include <memory>
 
 #include "acquire/capture/scene_mask.h"
 #include "acquire/hdr/bracket_files.h"

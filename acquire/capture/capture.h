@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <functional>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
 #include "acquire/capture/exposure_plan.h"

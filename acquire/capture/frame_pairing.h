@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <optional>
-
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"

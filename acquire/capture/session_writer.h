@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "core/session/capture_session.h"
 #include "core/session/journal.h"
 

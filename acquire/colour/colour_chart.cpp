@@ -10,9 +10,6 @@
 #include <limits>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
-#include <optional>
-#include <utility>
-#include <vector>
 
 #include "core/base/linear_algebra.h"
 #include "core/image/colour.h"

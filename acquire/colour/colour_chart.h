@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <array>
-#include <string>
-
 #include "core/image/image_io.h"
 
 namespace refield {

@@ -13,11 +13,8 @@
 #include <array>
 #include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
-#include <optional>
 #include <span>
-#include <string_view>
 #include <thread>
 
 #include "core/base/number_text.h"

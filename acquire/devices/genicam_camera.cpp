@@ -4,8 +4,6 @@
 #include <arv.h>
 
 #include <algorithm>
-#include <array>
-#include <atomic>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>

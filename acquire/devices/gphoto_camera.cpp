@@ -6,14 +6,9 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cerrno>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
-#include <span>
 #include <thread>
-#include <utility>
 
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/bracket_files.h"

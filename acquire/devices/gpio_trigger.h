@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "acquire/camera.h"
 #include "core/base/run_context.h"

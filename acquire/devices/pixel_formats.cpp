@@ -5,7 +5,6 @@
 #include <linux/videodev2.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <csetjmp>

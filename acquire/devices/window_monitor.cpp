@@ -11,9 +11,7 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <optional>
 #include <string_view>
-#include <utility>
 
 #include "acquire/devices/tethered_camera.h"
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <memory>
-#include <string>
-#include <vector>
 
 #include "acquire/illuminator.h"
 

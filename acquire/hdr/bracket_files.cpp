@@ -3,17 +3,11 @@
 
 #include <libraw/libraw.h>
 
-#include <algorithm>
-#include <array>
 #include <bit>
 #include <cctype>
 #include <cerrno>
 #include <cmath>
-#include <memory>
 #include <numeric>
-#include <string_view>
-#include <utility>
-#include <vector>
 
 #include "core/base/files.h"
 #include "core/base/number_text.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <optional>
-#include <string>
-
 #include "acquire/camera.h"
 #include "core/image/image.h"
 

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "acquire/calibrate/calibration.h"
 #include "acquire/camera.h"
 

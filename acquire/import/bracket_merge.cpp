@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/bracket_merge.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
-#include <limits>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/import/bracket_response.h"

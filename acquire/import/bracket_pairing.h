@@ -2,10 +2,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include <cstddef>
-#include <optional>
 #include <utility>
-#include <vector>
 
 #include "acquire/hdr/bracket_files.h"
 #include "acquire/series/capture_time.h"

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/bracket_response.h"
 
-#include <Eigen/Core>
-
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <numeric>
-#include <optional>
 
 #include "acquire/calibrate/monotone_curve.h"
 #include "core/base/linear_algebra.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <span>
-#include <string>
-#include <vector>
-
 #include "acquire/import/bracket_merge.h"
 
 namespace refield {

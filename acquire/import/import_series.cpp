@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <limits>
-#include <map>
 #include <regex>
 
 #include "acquire/calibrate/calibration.h"

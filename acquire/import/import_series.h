@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "acquire/capture/session_writer.h"
 #include "acquire/import/bracket_merge.h"
 #include "acquire/import/light_sources.h"

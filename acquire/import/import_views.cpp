@@ -6,7 +6,6 @@
 #include <tbb/parallel_for.h>
 #include <toml++/toml.h>
 
-#include <algorithm>
 #include <ranges>
 #include <set>
 #include <sstream>

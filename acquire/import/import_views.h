@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "acquire/import/bracket_response.h"
 #include "acquire/import/import_series.h"
 #include "acquire/series/capture_time.h"

@@ -7,10 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <span>
 #include <sstream>
-#include <string_view>
-#include <utility>
 
 #include "acquire/light_probe/light_probe.h"
 #include "core/base/files.h"

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
 #include <array>
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "acquire/light_probe/mirror_ball.h"
 #include "core/light/light_map.h"

@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/unwrap.h"
 

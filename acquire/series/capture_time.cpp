@@ -6,7 +6,6 @@
 #include <regex>
 #include <sstream>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/image/image_file.h"

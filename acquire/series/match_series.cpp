@@ -7,8 +7,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <numbers>
 #include <sstream>
 
 #include "acquire/capture/scene_mask.h"

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/calibrate.h"
 
-#include <array>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <string>
 
 #include "cli/acquire/session_rig.h"
 #include "cli/common/options.h"

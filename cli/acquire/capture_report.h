@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <CLI/CLI.hpp>
-
-#include <filesystem>
-
 #include "acquire/capture/capture.h"
 #include "acquire/capture/session_writer.h"
 #include "cli/acquire/until_error.h"

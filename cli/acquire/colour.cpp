@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <memory>
-#include <string>
 
 #include "acquire/colour/colour_chart.h"
 #include "cli/common/options.h"

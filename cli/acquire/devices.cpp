@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
-#include <memory>
 
 #include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/gpio_trigger.h"

@@ -2,9 +2,6 @@
 // refield acquire geometry: the monitor's placement from its reflections in a mirror ball.
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <memory>
-#include <string>
 
 #include "acquire/light_probe/mirror_ball.h"
 #include "acquire/light_probe/monitor_by_ball.h"

@@ -4,12 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
-#include <memory>
-#include <string>
-#include <vector>
 
 #include "acquire/calibrate/bench.h"
 #include "acquire/calibrate/response.h"

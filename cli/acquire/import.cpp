@@ -1,14 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire import: photographs of other tools, bracketed or of a light stage, to a capture session or
 // a series of HDR photographs.
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/hdr_merge.h"

@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire lights: patterns of the monitor's size, made from images of any size or from a seed.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <memory>
-#include <string>
-#include <vector>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"

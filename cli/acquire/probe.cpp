@@ -2,10 +2,6 @@
 // refield acquire probe: photographs of a mirror ball to lat-long light maps.
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <string>
-#include <vector>
 
 #include "acquire/light_probe/light_probe.h"
 #include "cli/common/options.h"

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
-#include <memory>
-#include <optional>
 
 #include "cli/acquire/capture_report.h"
 #include "cli/acquire/session_rig.h"

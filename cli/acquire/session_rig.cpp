@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/acquire/session_rig.h"
 
-#include <algorithm>
 #include <cstdio>
-#include <mutex>
-#include <set>
 #include <sstream>
 
 #include "acquire/devices/v4l2_device.h"

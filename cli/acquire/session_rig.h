@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <CLI/CLI.hpp>
 
-#include <filesystem>
-#include <map>
-#include <memory>
-#include <optional>
-#include <string>
 #include <variant>
-#include <vector>
 
 #include "acquire/capture/capture.h"
 #include "acquire/devices/drm_monitor.h"

@@ -3,14 +3,8 @@
 #include <time.h>
 
 #include <algorithm>
-#include <chrono>
-#include <cstdio>
 #include <cstdlib>
-#include <map>
-#include <memory>
-#include <string>
 #include <thread>
-#include <vector>
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/devices/window_monitor.h"

@@ -2,8 +2,6 @@
 #include "cli/acquire/until_error.h"
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <charconv>
 #include <cmath>
 
 #include "cli/run_context.h"

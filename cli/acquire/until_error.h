@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <map>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "acquire/capture/capture.h"
 #include "estimate/quality/error_follower.h"

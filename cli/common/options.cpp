@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/common/options.h"
 
-#include <algorithm>
-#include <cmath>
-#include <cstdio>
 #include <sstream>
-#include <string_view>
 
 #include "core/base/files.h"
 #include "core/base/json.h"

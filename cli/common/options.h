@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <CLI/CLI.hpp>
 
-#include <filesystem>
-#include <memory>
 #include <nlohmann/json_fwd.hpp>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
 
 #include "refield/compare.h"
 #include "refield/session.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <memory>
-#include <vector>
-
 #include "simulate/dynamic/dynamic_light.h"
 
 namespace refield::cli {

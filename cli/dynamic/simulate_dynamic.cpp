@@ -1,15 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 
-#include <algorithm>
-#include <array>
-#include <chrono>
-#include <cmath>
-#include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <string>
-#include <vector>
-
 #include "cli/common/options.h"
 #include "cli/dynamic/prepared_scene.h"
 #include "cli/run_context.h"

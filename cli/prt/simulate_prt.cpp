@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <array>
-#include <chrono>
 #include <cstdio>
-#include <filesystem>
-#include <memory>
-#include <optional>
-#include <string>
 
 #include "cli/common/options.h"
 #include "cli/run_context.h"

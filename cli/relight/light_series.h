@@ -1,13 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <CLI/CLI.hpp>
 #include <nlohmann/json_fwd.hpp>
-
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
 
 #include "refield/relight.h"
 

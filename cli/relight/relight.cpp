@@ -2,13 +2,8 @@
 #include "refield/relight.h"
 
 #include <algorithm>
-#include <array>
-#include <filesystem>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <string>
-#include <vector>
 
 #include "common/options.h"
 #include "relight/light_series.h"

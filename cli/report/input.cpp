@@ -3,9 +3,7 @@
 
 #include <sys/resource.h>
 
-#include <algorithm>
 #include <set>
-#include <string_view>
 
 #include "cli/report/page.h"
 #include "core/base/files.h"

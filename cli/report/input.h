@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "core/base/json.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"

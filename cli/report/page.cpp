@@ -2,9 +2,7 @@
 #include "cli/report/page.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 
 #include "core/base/number_text.h"
 #include "core/image/false_colour.h"

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <span>
-#include <string>
-
 #include "core/base/json.h"
 #include "core/image/metrics.h"
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/pixel_choice.h"
 
-#include <algorithm>
 #include <cmath>
-#include <functional>
 
 #include "core/base/run_context.h"
 #include "estimate/estimate.h"

@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "cli/report/input.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/report.h"
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <map>
-#include <utility>
 
 #include "cli/report/page.h"
 #include "cli/report/request.h"

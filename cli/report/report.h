@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <filesystem>
-#include <string>
-#include <vector>
-
 #include "cli/report/input.h"
 #include "cli/report/pixel_choice.h"
 #include "core/base/json.h"

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <array>
-#include <filesystem>
 #include <nlohmann/json_fwd.hpp>
-#include <vector>
 
 #include "refield/session.h"
 

@@ -2,14 +2,8 @@
 #include "cli/web/export.h"
 
 #include <zlib.h>
-#include <Eigen/Core>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <fstream>
-#include <limits>
-#include <new>
 #include <set>
 
 #include "cli/report/page.h"

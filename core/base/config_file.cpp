@@ -7,10 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
-#include <optional>
 #include <sstream>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 
 namespace refield {

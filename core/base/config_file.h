@@ -2,14 +2,11 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
-#include <cstdint>
 #include <initializer_list>
 #include <limits>
 #include <map>
 #include <memory>
-#include <optional>
 #include <set>
-#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>

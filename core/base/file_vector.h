@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstddef>
-#include <functional>
 #include <memory>
 #include <new>
-#include <span>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 #include "core/base/aligned_memory.h"
 #include "core/base/files.h"

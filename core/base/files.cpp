@@ -10,9 +10,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
-#include <optional>
-
-#include "core/base/errors.h"
 
 namespace refield {
 

@@ -9,7 +9,6 @@
 
 #include <cerrno>
 #include <csignal>
-#include <mutex>
 
 extern char** environ;
 

@@ -9,9 +9,7 @@
 #include <cerrno>
 #include <fstream>
 #include <sstream>
-#include <string_view>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/session/capture_session.h"
 

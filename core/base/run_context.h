@@ -2,13 +2,9 @@
 #pragma once
 #include <tbb/global_control.h>
 
-#include <atomic>
 #include <chrono>
 #include <cstddef>
-#include <cstdint>
 #include <mutex>
-#include <optional>
-#include <string>
 
 #include "core/base/errors.h"
 

@@ -2,8 +2,6 @@
 #pragma once
 #include <cerrno>
 #include <cstdlib>
-#include <filesystem>
-#include <string>
 
 #include "core/base/errors.h"
 

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field/field_statistics.h"
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <numeric>
-#include <string>
 
 namespace refield {
 

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <span>
-#include <vector>
-
 #include "core/field/reflectance_field.h"
 #include "core/field/transfer_tiles.h"
 #include "core/image/image.h"

@@ -1,14 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
 #include <array>
-#include <cstddef>
 #include <memory>
-#include <optional>
-#include <span>
-#include <vector>
 
 #include "core/field/light_interpolation.h"
 #include "core/image/image.h"

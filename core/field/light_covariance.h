@@ -2,13 +2,9 @@
 #pragma once
 // The Gaussian process of a LightInterpolation, for the units that compute with it.
 
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <vector>
 
 #include "core/field/light_interpolation.h"
 

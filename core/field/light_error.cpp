@@ -3,11 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <numbers>
-
 #include "core/field/light_covariance.h"
 
 namespace refield {

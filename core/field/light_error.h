@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <vector>
-
 #include "core/field/reflectance_field.h"
 
 namespace refield {

@@ -3,12 +3,7 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstddef>
-#include <span>
-#include <string>
 #include <utility>
 
 #include "core/base/units.h"

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <Eigen/Cholesky>
-#include <Eigen/Core>
-
-#include <optional>
-#include <vector>
 
 #include "core/image/image.h"
 #include "core/light/light_map.h"

@@ -5,9 +5,7 @@
 
 #include <cmath>
 #include <numbers>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/field/transfer_tiles.h"
 
 namespace refield {

@@ -3,13 +3,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <numeric>
-#include <vector>
 
 #include "core/field/light_error.h"
 #include "core/field/reflectance_field.h"

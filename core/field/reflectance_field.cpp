@@ -2,11 +2,6 @@
 #include "core/field/reflectance_field.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
-
-#include <algorithm>
-#include <cstddef>
-#include <vector>
 
 #include "core/field/light_error.h"
 

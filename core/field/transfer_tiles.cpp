@@ -3,12 +3,8 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
-#include <atomic>
 #include <cmath>
 #include <cstring>
-#include <limits>
 
 #include "core/field_io/packed_field.h"
 

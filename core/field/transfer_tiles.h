@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <span>
 #include <variant>
-#include <vector>
 
 #include "core/base/aligned_memory.h"
 #include "core/field/light_basis.h"

@@ -4,13 +4,8 @@
 #include <hdf5.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
-#include <atomic>
 #include <bit>
 #include <cmath>
-#include <type_traits>
-#include <vector>
 
 #include "core/field_io/reflectance_field_file.h"
 #include "core/light/cube_map.h"

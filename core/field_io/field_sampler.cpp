@@ -4,11 +4,7 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <atomic>
 #include <numeric>
-#include <string>
-#include <utility>
 
 #include "core/field_io/field_content.h"
 

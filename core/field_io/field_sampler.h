@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <filesystem>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/base/files.h"
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/field_shard.h"
 
-#include <algorithm>
 #include <unordered_map>
-#include <utility>
-#include <vector>
 
 #include "core/field_io/reflectance_field_file.h"
 

@@ -7,10 +7,6 @@
 
 #include <array>
 #include <cstring>
-#include <filesystem>
-#include <optional>
-#include <stdexcept>
-#include <utility>
 
 namespace refield {
 

@@ -6,8 +6,6 @@
 
 #include <algorithm>
 #include <fstream>
-#include <type_traits>
-#include <utility>
 
 #include "core/base/isolated.h"
 #include "core/field_io/hdf5_writer.h"

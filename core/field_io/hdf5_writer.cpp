@@ -11,7 +11,6 @@
 #include <type_traits>
 #include <vector>
 
-#include "core/base/errors.h"
 #include "core/field_io/hdf5_id.h"
 
 namespace refield {

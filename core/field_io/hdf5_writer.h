@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
 #include <initializer_list>
 #include <span>
-#include <string>
 
 #include "core/base/errors.h"
 

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/packed_field.h"
 
-#include <algorithm>
-#include <array>
-#include <limits>
-#include <utility>
-#include <vector>
-
 #include "core/base/files.h"
 #include "core/field_io/field_content.h"
 #include "core/field_io/reflectance_field_file.h"

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <string>
-
 #include "core/field/reflectance_field.h"
 #include "core/field/transfer_tiles.h"
 #include "core/field_io/hdf5_reader.h"

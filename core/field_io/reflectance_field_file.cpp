@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field_io/reflectance_field_file.h"
 
-#include <limits>
-#include <span>
-#include <string>
-
 #include "core/base/files.h"
 #include "core/field_io/field_content.h"
 #include "core/field_io/field_shard.h"

@@ -17,11 +17,8 @@
 #include <ImfXdr.h>
 
 #include <algorithm>
-#include <array>
-#include <stdexcept>
 #include <thread>
 
-#include "core/base/errors.h"
 #include "core/image/image_file.h"
 #include "core/image/image_header.h"
 

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <cstdint>
-#include <span>
-
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
 

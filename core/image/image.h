@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <string>
-
 #include "core/base/errors.h"
 #include "refield/image.h"
 

@@ -3,10 +3,7 @@
 
 #include <zlib.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <string_view>
 
 #include "core/image/image_header.h"
 #include "core/image/tone_map.h"

@@ -2,12 +2,8 @@
 #include "core/image/image_header.h"
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstdio>
-#include <optional>
-#include <string>
-#include <string_view>
 
 namespace refield {
 

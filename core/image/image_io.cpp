@@ -3,22 +3,13 @@
 
 #include <png.h>
 
-#include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <limits>
 #include <map>
-#include <memory>
-#include <mutex>
 #include <new>
 #include <numbers>
-#include <optional>
 #include <set>
-#include <span>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "core/base/files.h"
 #include "core/image/image_facts.h"

@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <filesystem>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/image/colour.h"
 #include "core/image/image.h"

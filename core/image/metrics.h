@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstddef>
-#include <span>
 #include <utility>
-#include <vector>
 
 #include "core/image/image.h"
 

@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 
 #include "core/image/image_file.h"
-#include "refield/run_context.h"
 
 namespace refield {
 

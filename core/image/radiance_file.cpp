@@ -2,13 +2,8 @@
 
 #include <Eigen/LU>
 
-#include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <cstdio>
-#include <fstream>
-#include <string>
-#include <vector>
 
 #include "core/base/files.h"
 #include "core/image/image_facts.h"

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <array>
-#include <cstdint>
-#include <functional>
-#include <span>
-#include <string_view>
-#include <vector>
 
 #include "core/image/image.h"
 #include "core/image/metrics.h"

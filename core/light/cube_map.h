@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
 #include <array>
-#include <vector>
 
 #include "core/light/light_map.h"
 

@@ -2,7 +2,6 @@
 #include "core/light/light_map.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <Eigen/Core>
-
-#include <cstdint>
-#include <string_view>
 
 #include "core/image/image.h"
 #include "refield/light_map.h"

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Core>
-#include <span>
-#include <string>
 
 #include "refield/light_map.h"
 

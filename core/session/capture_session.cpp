@@ -6,13 +6,8 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
-#include <map>
-#include <set>
 #include <sstream>
-#include <utility>
 
 #include "core/base/config_file.h"
 #include "core/base/files.h"

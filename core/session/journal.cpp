@@ -6,11 +6,8 @@
 #include <zlib.h>
 
 #include <cerrno>
-#include <cstdio>
 #include <fstream>
-#include <optional>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 

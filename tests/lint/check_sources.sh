@@ -38,6 +38,7 @@ found=$(sources {core,acquire,estimate,include,relight,simulate}/'*.h' |
 [[ -z $found ]] || complain "third-party headers belong in .cpp files:
 $found"
 
+tests/lint/check_includes.py || status=1
 tests/lint/check_links.py || status=1
 tests/lint/check_messages.py || status=1
 bench/studies/figures.py check || status=1
