@@ -89,8 +89,7 @@ def main():
     assert list(faults_of("self-test", "    refield relight --no-such", options)), "the test finds nothing"
     pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
     faults = [fault for page in pages for fault in faults_of(page.relative_to(ROOT), page.read_text(), options)]
-    source = (ROOT / "cli/acquire/session_rig.cpp").read_text().partition("before_camera =")[2]
-    template = "".join(re.findall(r'R"\((.*?)\)"', source, re.DOTALL))
+    template = (ROOT / "cli/acquire/rig.toml").read_text()
     keys = {*keys_of(template.splitlines()), ("camera", "device"), ("camera", "trigger")}
     assert list(key_faults_of("self-test", "    [camera]\n    # window = 1", keys)), "the test finds no keys"
     for page in [*ROOT.glob("docs/guide/*.md"), ROOT / "docs/reference/devices.md"]:
