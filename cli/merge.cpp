@@ -2,7 +2,7 @@
 #include <cstdio>
 
 #include "cli/common/options.h"
-#include "cli/report/input.h"
+#include "cli/report/report.h"
 #include "cli/run_context.h"
 #include "cli/verbs.h"
 #include "core/base/json.h"

@@ -5,7 +5,7 @@
 
 #include <cstdio>
 
-#include "cli/report/input.h"
+#include "cli/report/report.h"
 #include "cli/verbs.h"
 #include "core/base/files.h"
 #include "core/base/json.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "refield/hdr.h"
 
-#include "acquire/import/bracket_response.h"
+#include "acquire/import/bracket_merge.h"
 #include "library/data.h"
 
 namespace refield {

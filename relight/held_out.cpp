@@ -11,7 +11,7 @@
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
-#include "core/light/light_pattern.h"
+#include "core/light/light_map.h"
 
 namespace refield {
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/calibrate/display_light.h"
+#include "acquire/calibrate/calibrate.h"
 
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
 
-#include "acquire/calibrate/monotone_curve.h"
+#include "acquire/calibrate/calibration.h"
 #include "acquire/hdr/hdr_merge.h"
 #include "core/base/run_context.h"
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/calibrate/response.h"
+#include "acquire/calibrate/calibrate.h"
 
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
 
-#include "acquire/calibrate/monotone_curve.h"
+#include "acquire/calibrate/calibration.h"
 #include "core/base/linear_algebra.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/calibrate/timing.h"
+#include "acquire/calibrate/calibrate.h"
 
 #include <tbb/parallel_for.h>
 #include <Eigen/LU>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/drm_monitor.h"
+#include "acquire/devices/monitors.h"
 
 #include <drm_fourcc.h>
 #include <fcntl.h>

@@ -12,8 +12,8 @@
 
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/hdr/bracket_files.h"
+#include "core/base/files.h"
 #include "core/base/number_text.h"
-#include "core/base/temporary_folder.h"
 
 namespace refield {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/devices/window_monitor.h"
+#include "acquire/devices/monitors.h"
 
 #define GL_GLEXT_PROTOTYPES
 #define GLFW_INCLUDE_NONE

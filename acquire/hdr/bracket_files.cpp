@@ -5,7 +5,6 @@
 
 #include <bit>
 #include <cctype>
-#include <cerrno>
 #include <cmath>
 #include <numeric>
 

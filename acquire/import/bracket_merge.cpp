@@ -5,7 +5,6 @@
 #include <cstdlib>
 
 #include "acquire/calibrate/calibration.h"
-#include "acquire/import/bracket_response.h"
 #include "core/base/number_text.h"
 #include "core/image/image_facts.h"
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/import/bracket_response.h"
+#include "acquire/import/bracket_merge.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 
-#include "acquire/calibrate/monotone_curve.h"
+#include "acquire/calibrate/calibration.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/number_text.h"
 #include "core/image/tone_map.h"

@@ -8,8 +8,7 @@
 
 #include "acquire/calibrate/calibration.h"
 #include "acquire/capture/scene_mask.h"
-#include "acquire/import/bracket_response.h"
-#include "acquire/import/import_views.h"
+#include "acquire/import/bracket_merge.h"
 #include "core/base/files.h"
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "acquire/import/import_views.h"
+#include "acquire/import/import_series.h"
 
 #define TOML_EXCEPTIONS 1
 

@@ -5,7 +5,7 @@
 
 #include "acquire/hdr/hdr_merge.h"
 #include "cli/common/options.h"
-#include "cli/report/input.h"
+#include "cli/report/report.h"
 #include "cli/run_context.h"
 #include "estimate/rig/verdict.h"
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cstdio>
 
-#include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/gpio_trigger.h"
+#include "acquire/devices/monitors.h"
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/tethered_camera.h"
 #include "acquire/devices/v4l2_device.h"
-#include "acquire/devices/window_monitor.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/common/options.h"
 #include "cli/verbs.h"

@@ -3,15 +3,14 @@
 // program.
 #include <unistd.h>
 
-#include <cerrno>
 #include <cmath>
 
 #include "acquire/calibrate/bench.h"
-#include "acquire/calibrate/response.h"
+#include "acquire/calibrate/calibrate.h"
 #include "acquire/capture/capture.h"
 #include "acquire/capture/exposure_plan.h"
 #include "acquire/capture/frame_pairing.h"
-#include "acquire/devices/drm_monitor.h"
+#include "acquire/devices/monitors.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/hdr/hdr_merge.h"
 #include "cli/acquire/live_view.h"

@@ -9,7 +9,7 @@
 #include <cstdio>
 
 #include "acquire/calibrate/bench.h"
-#include "acquire/devices/window_monitor.h"
+#include "acquire/devices/monitors.h"
 #include "acquire/hdr/hdr_merge.h"
 #include "cli/run_context.h"
 #include "core/image/tone_map.h"

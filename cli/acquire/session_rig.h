@@ -5,10 +5,9 @@
 #include <variant>
 
 #include "acquire/capture/capture.h"
-#include "acquire/devices/drm_monitor.h"
 #include "acquire/devices/gpio_trigger.h"
+#include "acquire/devices/monitors.h"
 #include "acquire/devices/tethered_camera.h"
-#include "acquire/devices/window_monitor.h"
 #include "acquire/illuminator.h"
 #include "simulate/rig/virtual_rig.h"
 #include "simulate/tabletop/recipe.h"

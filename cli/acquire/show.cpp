@@ -3,11 +3,10 @@
 #include <time.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <thread>
 
 #include "acquire/calibrate/calibration.h"
-#include "acquire/devices/window_monitor.h"
+#include "acquire/devices/monitors.h"
 #include "acquire/series/capture_time.h"
 #include "cli/common/options.h"
 #include "cli/run_context.h"

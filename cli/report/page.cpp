@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "core/base/number_text.h"
-#include "core/image/false_colour.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/report/pixel_choice.h"
+#include "cli/report/report.h"
 
 #include <cmath>
 

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstddef>
-#include <vector>
+#include <memory>
+#include <new>
+#include <type_traits>
+#include <utility>
+
+#include "core/base/files.h"
 
 namespace refield {
 
@@ -30,5 +34,66 @@ struct AlignedAllocator {
 };
 using AlignedFloats = std::vector<float, AlignedAllocator<float>>;
 using AlignedDoubles = std::vector<double, AlignedAllocator<double>>;
+
+/// Gives a vector its first values where they lie in a mapped file, all other memory from the heap.
+template <class T>
+class FileAllocator {
+ public:
+  using value_type = T;
+  using is_always_equal = std::false_type;
+  using propagate_on_container_move_assignment = std::true_type;
+  using propagate_on_container_swap = std::true_type;
+
+  FileAllocator() = default;
+  /// `values`: in `file`, and aligned for T.
+  FileAllocator(std::shared_ptr<const MappedFile> file, std::span<const std::byte> values)
+      : file_(std::move(file)), values_(values) {}
+  /// An allocator for other types takes memory from the heap alone.
+  template <class U>
+  FileAllocator(const FileAllocator<U>&) {}  // NOLINT(google-explicit-constructor): as allocators do
+  FileAllocator select_on_container_copy_construction() const { return {}; }
+
+  bool is_mapped() const { return file_ != nullptr; }
+
+  T* allocate(std::size_t count) {
+    if (file_ && count * sizeof(T) == values_.size()) return mapped();
+    return static_cast<T*>(allocate_aligned(count * sizeof(T)));
+  }
+  void deallocate(T* memory, std::size_t count) {
+    if (!file_ || memory != mapped()) free_aligned(memory, count * sizeof(T));
+  }
+  /// Values in the file are there already; those that a vector has grown by are not.
+  void construct(T* value) {
+    if (!is_in_file(value)) ::new (static_cast<void*>(value)) T();
+  }
+  template <class... Arguments>
+  void construct(T* value, Arguments&&... arguments) {
+    ::new (static_cast<void*>(value)) T(std::forward<Arguments>(arguments)...);
+  }
+  bool operator==(const FileAllocator& other) const { return file_ == other.file_; }
+
+ private:
+  bool is_in_file(const T* value) const {
+    const std::less<const T*> before;
+    return file_ && !before(value, mapped()) && before(value, mapped() + values_.size() / sizeof(T));
+  }
+  T* mapped() const { return const_cast<T*>(reinterpret_cast<const T*>(values_.data())); }
+
+  std::shared_ptr<const MappedFile> file_;
+  std::span<const std::byte> values_;
+};
+
+/// A vector whose values may lie in a file, which the system then reads when they are looked at and whose
+/// memory it takes back when it needs it. Such values must not be written to: copy the vector to change it.
+template <class T>
+using FileVector = std::vector<T, FileAllocator<T>>;
+
+/// Says that a pass is done with the values [first, last): where they lie in a file, they take no memory of
+/// the program's own until they are looked at again.
+template <class T>
+void pass_by(const FileVector<T>& values, std::size_t first, std::size_t last) {
+  if (values.get_allocator().is_mapped())
+    release_pages(const_cast<T*>(values.data()) + first, (last - first) * sizeof(T));
+}
 
 }  // namespace refield

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cerrno>
 #include <cstddef>
+#include <cstdlib>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -76,5 +78,26 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern);
 
 /// What a list of files, folders and patterns names, in order; an existing file stands for itself.
 std::vector<fs::path> expand_globs(const std::vector<std::string>& patterns);
+
+/// A folder of its own among the system's temporary files, removed with all it holds at the end of its life.
+class TemporaryFolder {
+ public:
+  /// Throws DeviceError where the system refuses.
+  TemporaryFolder() {
+    std::string name = fs::temp_directory_path() / "refield-XXXXXX";
+    if (!::mkdtemp(name.data())) throw DeviceError(name, errno, "cannot create a temporary folder");
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
 
 }  // namespace refield

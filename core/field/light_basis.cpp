@@ -8,7 +8,6 @@
 #include <cmath>
 #include <numbers>
 #include <tuple>
-#include <utility>
 
 #include "core/light/cube_map.h"
 #include "core/light/summed_area_table.h"

@@ -2,7 +2,7 @@
 #pragma once
 #include <algorithm>
 
-#include "core/base/file_vector.h"
+#include "core/base/aligned_memory.h"
 #include "core/field/light_basis.h"
 #include "core/field/mesh.h"
 #include "core/field/predicted_error.h"

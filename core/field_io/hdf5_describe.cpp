@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/base/json.h"
-#include "core/field_io/hdf5_id.h"
 #include "core/field_io/hdf5_reader.h"
 
 #include <hdf5.h>

@@ -2,10 +2,24 @@
 #pragma once
 #include <map>
 
-#include "core/base/file_vector.h"
+#include "core/base/aligned_memory.h"
 #include "core/base/run_context.h"
 
 namespace refield {
+
+/// An identifier of the HDF5 library (hid_t), of any kind.
+class Hdf5Id {
+ public:
+  explicit Hdf5Id(std::int64_t id) : id_(id) {}
+  ~Hdf5Id();  ///< of hdf5_describe.cpp
+  Hdf5Id(const Hdf5Id&) = delete;
+  Hdf5Id& operator=(const Hdf5Id&) = delete;
+  operator std::int64_t() const { return id_; }
+  bool valid() const { return id_ >= 0; }
+
+ private:
+  std::int64_t id_;
+};
 
 /// Where in an HDF5 file a data set's values lie, in one piece.
 struct Hdf5DataSet {

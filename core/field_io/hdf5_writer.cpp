@@ -7,11 +7,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cerrno>
-#include <type_traits>
-#include <vector>
 
-#include "core/field_io/hdf5_id.h"
+#include "core/field_io/hdf5_reader.h"
 
 namespace refield {
 

@@ -3,7 +3,6 @@
 
 #include <png.h>
 
-#include <cerrno>
 #include <cmath>
 #include <limits>
 #include <map>

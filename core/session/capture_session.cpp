@@ -13,7 +13,7 @@
 #include "core/base/files.h"
 #include "core/image/image_header.h"
 #include "core/image/image_io.h"
-#include "core/light/light_pattern.h"
+#include "core/light/light_map.h"
 
 namespace refield {
 

@@ -5,7 +5,6 @@
 #include <unistd.h>
 #include <zlib.h>
 
-#include <cerrno>
 #include <fstream>
 
 #include "core/base/files.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The window monitor on a real X server without a screen (Xvfb): what a screenshot holds is what was to be
 // shown.
-#include "acquire/devices/window_monitor.h"
+#include "acquire/devices/monitors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

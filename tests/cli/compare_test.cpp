@@ -8,7 +8,7 @@
 #include "core/base/files.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/image_io.h"
-#include "core/light/light_pattern.h"
+#include "core/light/light_map.h"
 #include "core/session/capture_session.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"

@@ -9,9 +9,7 @@
 #include <numeric>
 #include <vector>
 
-#include "cli/report/input.h"
 #include "cli/report/page.h"
-#include "cli/report/pixel_choice.h"
 #include "cli/report/report.h"
 #include "core/base/errors.h"
 #include "core/base/files.h"

@@ -13,7 +13,6 @@
 #include "core/base/rng.h"
 #include "core/image/tone_map.h"
 #include "core/light/cube_map.h"
-#include "core/light/light_pattern.h"
 
 namespace refield {
 namespace {

@@ -10,7 +10,6 @@
 #include <limits>
 
 #include "core/base/errors.h"
-#include "core/image/false_colour.h"
 #include "tests/support/random_data.h"
 
 namespace refield {

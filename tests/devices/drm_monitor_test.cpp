@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Against the kernel's vkms. That what is shown is what was asked for, pixel for pixel, the closed loop
 // tests.
-#include "acquire/devices/drm_monitor.h"
+#include "acquire/devices/monitors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

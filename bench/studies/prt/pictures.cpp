@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdint>
 
-#include "core/image/false_colour.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "core/image/tone_map.h"

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "core/field/light_error.h"
-#include "core/image/false_colour.h"
+#include "core/image/tone_map.h"
 
 namespace refield {
 

@@ -9,7 +9,7 @@
 #include <string>
 
 #include "core/base/number_text.h"
-#include "core/image/false_colour.h"
+#include "core/image/tone_map.h"
 
 namespace refield {
 

@@ -4,9 +4,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "acquire/calibrate/monotone_curve.h"
-#include "acquire/calibrate/response.h"
-#include "acquire/calibrate/timing.h"
+#include "acquire/calibrate/calibrate.h"
+#include "acquire/calibrate/calibration.h"
 #include "core/base/errors.h"
 #include "core/base/rng.h"
 

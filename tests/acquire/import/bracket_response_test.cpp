@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Brackets of a camera with a contrast curve: it is noticed, and estimated from the brackets themselves.
-#include "acquire/import/bracket_response.h"
+#include "acquire/import/bracket_merge.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -8,7 +8,7 @@
 #include <cmath>
 
 #include "core/base/errors.h"
-#include "core/image/false_colour.h"
+#include "core/image/tone_map.h"
 #include "tests/support/random_data.h"
 
 namespace refield {
