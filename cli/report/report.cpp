@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "cli/common/options.h"
 #include "cli/report/page.h"
 #include "cli/report/request.h"
 #include "core/base/files.h"
@@ -66,26 +67,6 @@ Image held_out_map(const ReflectanceField& field, const CaptureSession& referenc
   return error.relative_rmse_map();
 }
 
-/// By kind of light, with each image's own errors.
-Json errors_json(const std::vector<HeldOutError>& errors) {
-  Json kinds = Json::object();
-  for (const HeldOutError& error : errors) {
-    Json& json = kinds[error.kind.empty() ? "all" : error.kind];
-    json = {{"images", error.images},
-            {"trained_on", error.trained_on ? Json(*error.trained_on) : Json(nullptr)},
-            {"relative_rmse", error.relative_rmse},
-            {"median", error.median},
-            {"percentile_90", error.percentile_90},
-            {"tone_mapped_psnr_db", error.tone_mapped_psnr_db}};
-    for (const HeldOutImage& image : error.per_image)
-      json["per_image"].push_back({{"name", image.name},
-                                   {"observed", image.observed.string()},
-                                   {"relative_rmse", image.error.relative_rmse},
-                                   {"tone_mapped_psnr_db", image.error.tone_mapped_psnr_db}});
-  }
-  return kinds;
-}
-
 Json options_json(const EstimateOptions& options) {
   return {{"mode", name_of(options.mode)},
           {"kernels", options.kernels},
@@ -108,7 +89,7 @@ Json field_json(const FieldEntry& entry, const FieldFigures& figures) {
                         {"share_of_95_percent", statistics.share_of_95_percent}};
   json["errors"] = Json::object();
   for (const ReferenceErrors& errors : figures.errors)
-    json["errors"][errors.reference] = errors_json(errors.kinds);
+    json["errors"][errors.reference] = cli::held_out_figures(errors.kinds);
   return json;
 }
 
@@ -150,8 +131,7 @@ void add_session(Json& json, const CaptureSession& session) {
   json["mask"] = session.mask.has_value();
 }
 
-/// Adds to a field's errors, in the order of kinds: how far single images lie apart, how well errors were
-/// predicted.
+/// Adds to a field's errors, in the order of kinds, how far single images lie apart, in their place.
 void add_details(Json& errors, const std::vector<HeldOutError>& kinds) {
   auto json = errors.begin();
   for (const HeldOutError& error : kinds) {
@@ -162,10 +142,6 @@ void add_details(Json& errors, const std::vector<HeldOutError>& kinds) {
                            {"largest", spread.largest},
                            {"worst", error.per_image[spread.worst].name}};
     }
-    if (const auto& prediction = error.prediction)
-      (*json)["prediction"] = {{"predicted_median", prediction->predicted_median},
-                               {"median_ratio", prediction->median_ratio},
-                               {"rank_correlation", prediction->rank_correlation}};
     json->erase("per_image");
     ++json;
   }
@@ -508,19 +484,11 @@ Json figures_json(const ReportInput& input, const std::vector<FieldFigures>& fig
 }
 
 Json check_json(const FrameReport& found, int photographs) {
-  Json rows = Json::array();
-  for (const VerdictRow& row : verdict_of(found, photographs).rows)
-    rows.push_back({{"property", row.property},
-                    {"state", name_of(row.state)},
-                    {"measured", row.measured},
-                    {"residual_before", row.residual_before.value_or(0.0)},
-                    {"residual_after", row.residual_after.value_or(0.0)},
-                    {"remedy", row.remedy}});
   const RigModel& rig = found.rig.model;
   Json mixing = nullptr;
   if (rig.mixes_colours())
     for (const auto& channel : rig.mixing.rowwise()) mixing.push_back({channel[0], channel[1], channel[2]});
-  return {{"rows", rows},
+  return {{"rows", verdict_json(verdict_of(found, photographs)).at("properties")},
           {"residuals_before", found.residuals_before},
           {"residuals_corrected", rig.is_identity() ? std::vector<double>() : found.residuals},
           {"shift_px", rig.shift_px},

@@ -110,9 +110,10 @@ function spreadTable(data) {
 
 /// How well the predicted errors hold under each kind of held-out light.
 function predictionTable(data) {
-  const rows = errorsByKind(data).filter(([, , {prediction}]) => isNumber(prediction?.median_ratio))
-    .map(([field, kind, {prediction}]) => [label(field), kind, percent(prediction.predicted_median),
-                                           fixed(prediction.median_ratio, 2), fixed(prediction.rank_correlation, 2)]);
+  const rows = errorsByKind(data).filter(([, , {predicted_error}]) => isNumber(predicted_error?.median_ratio))
+    .map(([field, kind, {predicted_error}]) => [label(field), kind, percent(predicted_error.median),
+                                                fixed(predicted_error.median_ratio, 2),
+                                                fixed(predicted_error.rank_correlation, 2)]);
   if (rows.length === 0) return '';
   return [html`<h3>Predicted error by kind of light</h3>`,
           table(['Field', 'Light', '#Predicted, median pixel', '#Predicted ∕ true', '#Rank correlation'], rows),
@@ -126,7 +127,7 @@ function check(found) {
   if (!found) return '';
   const rows = found.rows.map((row) => [
     row.property, html`<b>${row.state}</b>`, row.measured,
-    row.residual_before > 0 ? `${percent(row.residual_before)} → ${percent(row.residual_after)}` : '', row.remedy,
+    row.residual_before > 0 ? `${percent(row.residual_before)} → ${percent(row.residual_after)}` : '', row.remedy ?? '',
   ]);
   return section(
     'Check of the capture',

@@ -113,7 +113,7 @@ TEST_F(ReportPage, PredictedErrorsAreComparedByKindOfLight) {
   const auto predicted_against = [&](const char* reference) {
     write_report(request_);
     const auto errors = page_data().at("fields").at(0).at("errors").at(reference).at("natural");
-    return errors.contains("prediction") ? errors.at("prediction").at("predicted_median").get<double>() : NAN;
+    return errors.contains("predicted_error") ? errors.at("predicted_error").at("median").get<double>() : NAN;
   };
   EXPECT_TRUE(std::isnan(predicted_against("photographs"))) << "this field predicts none";
   field_.quality.predicted_error.assign(field_.transfer.rows(), 0.0625f);
