@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/session_writer.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <sstream>
 
@@ -133,34 +129,15 @@ SessionWriter::SessionWriter(fs::path folder, const std::string& plan, std::vect
     : folder_(std::move(folder)), steps_(std::move(steps)) {
   check_session_folder(folder_, if_exists);
   create_folders(folder_);
-  lock();
-  try {
-    if (if_exists == IfExists::replace) clear();
-    remove_leftovers(folder_);
-    if (const auto stored = stored_plan(folder_))
-      require_same_plan(folder_ / plan_name, *stored, plan);
-    else
-      write_text_atomically(folder_ / plan_name, plan);
-    create_folders(folder_ / "illumination");
-    create_folders(folder_ / "observed");
-    take_over_finished_steps();
-  } catch (...) {
-    ::close(lock_descriptor_);
-    throw;
-  }
-}
-
-SessionWriter::~SessionWriter() {
-  ::close(lock_descriptor_);
-}
-
-void SessionWriter::lock() {
-  lock_descriptor_ = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (lock_descriptor_ < 0) throw DeviceError(folder_.string(), errno, "cannot open the session folder");
-  if (::flock(lock_descriptor_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
-  ::close(lock_descriptor_);
-  throw InputError(folder_.string() +
-                   ": another process is capturing into this folder; wait for it or stop it");
+  if (if_exists == IfExists::replace) clear();
+  remove_leftovers(folder_);
+  if (const auto stored = stored_plan(folder_))
+    require_same_plan(folder_ / plan_name, *stored, plan);
+  else
+    write_text_atomically(folder_ / plan_name, plan);
+  create_folders(folder_ / "illumination");
+  create_folders(folder_ / "observed");
+  take_over_finished_steps();
 }
 
 void SessionWriter::clear() {

@@ -29,12 +29,9 @@ class SessionWriter {
  public:
   /// Opens `folder` for a capture that `plan` (text of plan.toml) describes in full, made of `steps`.
   /// On resume the plan must be the same to the letter; steps whose files are missing or damaged will be done
-  /// again. Throws InputError as check_session_folder() does, when the plans differ (naming the first line
-  /// that does), or when another process is at work in the folder.
+  /// again. The caller holds the folder (OutputLock). Throws InputError as check_session_folder() does, and
+  /// when the plans differ, naming the first line that does.
   SessionWriter(fs::path folder, const std::string& plan, std::vector<std::string> steps, IfExists if_exists);
-  ~SessionWriter();
-  SessionWriter(const SessionWriter&) = delete;
-  SessionWriter& operator=(const SessionWriter&) = delete;
 
   const fs::path& folder() const { return folder_; }
   bool is_complete() const { return complete_; }
@@ -57,7 +54,6 @@ class SessionWriter {
 
  private:
   void clear();
-  void lock();
   void take_over_finished_steps();
   fs::path folder_;
   std::vector<std::string> steps_;
@@ -65,7 +61,6 @@ class SessionWriter {
   std::size_t found_done_ = 0;
   std::size_t found_damaged_ = 0;
   bool complete_ = false;
-  int lock_descriptor_ = -1;
 };
 
 }  // namespace refield

@@ -228,10 +228,5 @@ TEST_F(SessionWriterTest, LeavesForeignFoldersAlone) {
   EXPECT_EQ(read_text(folder / "thesis.txt"), "precious");
 }
 
-TEST_F(SessionWriterTest, OneProcessAtATime) {
-  SessionWriter session(folder, "plan", steps, IfExists::refuse);
-  EXPECT_THROW(SessionWriter(folder, "plan", steps, IfExists::resume), InputError);
-}
-
 }  // namespace
 }  // namespace refield
