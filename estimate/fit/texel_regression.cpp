@@ -6,10 +6,12 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "core/base/linear_algebra.h"
 #include "core/light/cube_map.h"
 #include "core/light/light_map.h"
+#include "estimate/fit/nnls.h"
 
 namespace refield {
 
@@ -54,9 +56,11 @@ Eigen::Vector3d place_of(const Box& cell, const LightDomain& domain) {
 
 /// Most probable weights without negative ones, from the unconstrained ones and their covariance S: those
 /// that are held at zero move the others by their multipliers ν ≥ 0, w = μ + S ν. Block principal pivoting
-/// (Júdice and Pires 1994), which seldom takes more than three steps since few weights are negative.
-Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance) {
-  constexpr int max_steps = 100;
+/// (Júdice and Pires 1994), which seldom takes more than three steps where few weights are negative. None
+/// where it goes round in circles, as it does where few lights leave most weights at zero.
+std::optional<Eigen::VectorXd> without_negative(const Eigen::VectorXd& mean,
+                                                const Eigen::MatrixXd& covariance) {
+  constexpr int max_steps = 20;
   const double tolerance = 1e-9 * mean.cwiseAbs().maxCoeff();
   std::vector<char> held(static_cast<std::size_t>(mean.size()), 0);
   for (Eigen::Index k = 0; k < mean.size(); ++k) held[k] = mean(k) < 0.0;
@@ -65,7 +69,7 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
     std::vector<Eigen::Index> zeros;
     for (Eigen::Index k = 0; k < mean.size(); ++k)
       if (held[k]) zeros.push_back(k);
-    if (zeros.empty()) break;
+    if (zeros.empty()) return weights.cwiseMax(0.0);
     const Eigen::VectorXd multipliers = covariance(zeros, zeros).llt().solve(-mean(zeros));
     weights = mean + covariance(Eigen::all, zeros) * multipliers;
     weights(zeros).setZero();
@@ -80,9 +84,9 @@ Eigen::VectorXd without_negative(const Eigen::VectorXd& mean, const Eigen::Matri
         held[k] = 1;
         changed = true;
       }
-    if (!changed) break;
+    if (!changed) return weights.cwiseMax(0.0);
   }
-  return weights.cwiseMax(0.0);
+  return std::nullopt;
 }
 
 bool are_nearly_orthogonal(const std::array<Eigen::MatrixXd, 3>& lights) {
@@ -334,6 +338,26 @@ Eigen::VectorXd TexelRegression::solve(int prior, int noise, int channel, const 
   return dual;
 }
 
+Eigen::VectorXd TexelRegression::non_negative(int prior, int noise, int channel,
+                                              const Eigen::VectorXd& samples,
+                                              const std::vector<int>& measured) const {
+  const auto count = static_cast<Eigen::Index>(cells_.size());
+  const Eigen::MatrixXd lights = lights_[channel](measured, Eigen::all);
+  Eigen::MatrixXd gram = lights.transpose() * lights;
+  {
+    const std::lock_guard lock(mutex_);
+    Eigen::MatrixXd& precision = precisions_[prior];
+    if (precision.size() == 0)
+      precision = covariances_[prior].llt().solve(Eigen::MatrixXd::Identity(count, count));
+    gram += cell_noise_ratio(noise) / spectrum(prior, channel).scale * precision;
+  }
+  const Eigen::VectorXd products = lights.transpose() * samples(measured);
+  Eigen::VectorXd weights = Eigen::VectorXd::Zero(count);
+  const auto size = static_cast<int>(count);
+  NnlsSolver().solve(gram.data(), size, products.data(), size, weights.data());
+  return weights;
+}
+
 TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
   Fit result;
   result.criterion = std::numeric_limits<double>::infinity();
@@ -391,8 +415,10 @@ TexelRegression::Fit TexelRegression::fit(const PixelSamples& samples) const {
     Eigen::VectorXd weights =
         is_determined ? determined_[is_grey_ ? 0 : c] * values[c]
                       : weights_of(best_prior, c, solve(best_prior, best_noise, c, values[c], measured[c]));
-    if (weights.minCoeff() < 0.0)
-      weights = without_negative(weights, *posterior(best_prior, best_noise, c, measured[c]));
+    if (weights.minCoeff() < 0.0) {
+      const auto found = without_negative(weights, *posterior(best_prior, best_noise, c, measured[c]));
+      weights = found ? *found : non_negative(best_prior, best_noise, c, values[c], measured[c]);
+    }
     for (std::size_t k = 0; k < cells_.size(); ++k)
       all_weights[3 * k + c] = static_cast<float>(weights(static_cast<Eigen::Index>(k)));
     const Eigen::VectorXd residual = values[c] - lights_[c] * weights;

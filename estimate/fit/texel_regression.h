@@ -115,6 +115,9 @@ class TexelRegression {
   Eigen::VectorXd dual_of(int prior, int noise, int channel, const Eigen::VectorXd& samples) const;
   /// Most probable weights, of either sign, from the dual coefficients.
   Eigen::VectorXd weights_of(int prior, int channel, const Eigen::VectorXd& dual) const;
+  /// Most probable weights of no negative one, by an active set method that always ends.
+  Eigen::VectorXd non_negative(int prior, int noise, int channel, const Eigen::VectorXd& samples,
+                               const std::vector<int>& measured) const;
   /// Covariance of the weights given the measured samples, in the unit of the prior; where all samples were
   /// measured it depends on the lights alone and is kept.
   std::shared_ptr<const Eigen::MatrixXd> posterior(int prior, int noise, int channel,
@@ -135,8 +138,9 @@ class TexelRegression {
   std::vector<Spectrum> spectra_;             // [priors × 3]
   /// Weights of complete pixels from samples, where the lights determine them; else empty. [cells × images]
   std::array<Eigen::MatrixXd, 3> determined_;
-  mutable std::mutex mutex_;  // of posteriors_
+  mutable std::mutex mutex_;  // of posteriors_ and precisions_
   mutable std::map<std::array<int, 3>, std::shared_ptr<const Eigen::MatrixXd>> posteriors_;
+  mutable std::map<int, Eigen::MatrixXd> precisions_;  // inverse covariances_, where needed
 };
 
 /// The regressions of a capture and of its parts for cross-validation, each prepared when first used.

@@ -403,6 +403,55 @@ TEST(TexelRegression, WeightsAreNotNegative) {
   EXPECT_TRUE(std::ranges::all_of(field.transfer.weight, [](float weight) { return weight >= 0.0f; }));
 }
 
+/// 30 lights on 192 texels, and pixels of two texels: all weights but a few are zero, so that those that are
+/// held at zero are not found at once.
+TEST(TexelRegression, FewLightsFindTheFewTexelsOfAPixel) {
+  constexpr int width = 16, height = 12, pixels = 36;
+  constexpr double noise = 0.01;
+  Rng rng(4);
+  std::vector<std::array<int, 2>> seen(pixels);
+  for (auto& texels : seen) {
+    texels[0] = static_cast<int>(rng.below(width * height));
+    texels[1] = (texels[0] + 1 + static_cast<int>(rng.below(width * height - 1))) % (width * height);
+  }
+  const auto light = [&] {
+    LightMap map{Image(width, height, 3), Parameterisation::monitor};
+    for (float& value : map.radiance.values) value = static_cast<float>(rng.uniform());
+    return map;
+  };
+  const auto photograph = [&](const LightMap& map, double relative_noise) {
+    Image image(6, 6, 3);
+    for (int p = 0; p < pixels; ++p)
+      for (int c = 0; c < 3; ++c) {
+        const auto at = [&](int texel) { return map.radiance.values[3 * texel + c]; };
+        image.values[3 * p + c] =
+            at(seen[p][0]) + 0.6f * at(seen[p][1]) + static_cast<float>(relative_noise * rng.normal());
+      }
+    return image;
+  };
+  std::vector<LightMap> lights;
+  std::vector<Image> photographs;
+  for (int j = 0; j < 30; ++j) {
+    lights.push_back(light());
+    photographs.push_back(photograph(lights.back(), noise));
+  }
+  const auto field = estimate(std::vector<LightMapView>(lights.begin(), lights.end()),
+                              std::vector<ImageView>(photographs.begin(), photographs.end()), {}, {}, {});
+  std::vector<double> squared(pixels, 0.0), errors;
+  for (int j = 0; j < 10; ++j) {
+    const LightMap map = light();
+    const Image estimated = field.relight(map), exact = photograph(map, 0.0);
+    for (int p = 0; p < pixels; ++p)
+      for (int c = 0; c < 3; ++c)
+        squared[p] += std::pow(estimated.values[3 * p + c] - exact.values[3 * p + c], 2.0) / 30.0;
+  }
+  for (const double each : squared) errors.push_back(std::sqrt(each));
+  EXPECT_LT(median(errors), 2.0 * noise);
+  const std::vector<double> predicted(field.quality.predicted_error.begin(),
+                                      field.quality.predicted_error.end());
+  EXPECT_LT(median(predicted), 3.0 * noise);
+}
+
 TEST(TexelRegression, LeaveOneOutEqualsLeavingOneOut) {
   const LightStage stage(24);
   const Eigen::MatrixXd lights = stage.natural_light(40, 1);
