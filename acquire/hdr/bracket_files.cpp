@@ -56,6 +56,7 @@ void check_raw(int code, const fs::path& path, const std::string& what) {
 struct DngTags {
   /// Black level of each column, each row of the picture above the common one (BlackLevelDeltaH, V).
   std::array<std::vector<double>, 2> black_deltas;
+  std::vector<double> active_area;  ///< top, left, bottom, right
   std::string colours;  ///< of the mosaic (CFAPattern, CFAPlaneColor), where any is not red, green or blue
   bool has_unknown_delta = false;  ///< of another type than numbers
 };
@@ -63,7 +64,7 @@ struct DngTags {
 /// Called by LibRaw for each tag; `stream` is at its values.
 void note_tag(void* context, int tag, int type, int count, unsigned order, void* stream, INT64) {
   constexpr int cfa_pattern = 33422, cfa_plane_colour = 50710, cfa_layout = 50711;
-  constexpr int delta_h = 50715, delta_v = 50716;
+  constexpr int delta_h = 50715, delta_v = 50716, active_area = 50829;
   constexpr int max_count = 65536;
   DngTags& tags = *static_cast<DngTags*>(context);
   auto& file = *static_cast<LibRaw_abstract_datastream*>(stream);
@@ -84,11 +85,11 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
   } else if (number == cfa_layout) {
     const auto data = read(2);
     if (!data.empty() && data[order == 0x4949 ? 0 : 1] > 1) tags.colours = "in staggered rows or columns";
-  } else if (number == delta_h || number == delta_v) {
+  } else if (number == delta_h || number == delta_v || number == active_area) {
     // TIFF 6.0, section 2. The specification asks for SRATIONAL; LibRaw takes all of these.
     static constexpr std::array<std::size_t, 13> bytes_of_type = {0, 1, 0, 2, 4, 8, 0, 0, 2, 4, 8, 4, 8};
     const std::size_t bytes = type > 0 && type < 13 ? bytes_of_type[static_cast<std::size_t>(type)] : 0;
-    tags.has_unknown_delta = tags.has_unknown_delta || bytes == 0;
+    tags.has_unknown_delta = tags.has_unknown_delta || (bytes == 0 && number != active_area);
     const auto data = read(bytes * static_cast<std::size_t>(count));
     const auto bits = [&](std::size_t first, std::size_t size) {
       std::uint64_t value = 0;
@@ -118,10 +119,10 @@ void note_tag(void* context, int tag, int type, int count, unsigned order, void*
           return high;
       }
     };
-    auto& deltas = tags.black_deltas[number == delta_v];
-    deltas.clear();
+    auto& values = number == active_area ? tags.active_area : tags.black_deltas[number == delta_v];
+    values.clear();
     for (std::size_t i = 0; bytes > 0 && i + bytes <= data.size(); i += bytes)
-      deltas.push_back(std::isfinite(value_at(i)) ? value_at(i) : 0.0);
+      values.push_back(std::isfinite(value_at(i)) ? value_at(i) : 0.0);
   }
 }
 
@@ -144,8 +145,15 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   if (tags.has_unknown_delta)
     throw FormatError(
         path, "states black levels (BlackLevelDelta) of an unknown type; develop it to a linear 16-bit TIFF");
+  // LibRaw leaves out the first column or row of an ActiveArea that begins at an odd one, but counts black
+  // levels from there.
+  const auto left_out = [&](int margin, std::size_t place) {
+    return tags.active_area.size() == 4 && margin - tags.active_area[place] == 1.0 ? 1 : 0;
+  };
+  const int left = left_out(raw.imgdata.sizes.left_margin, 1),
+            top = left_out(raw.imgdata.sizes.top_margin, 0);
   for (const auto& [deltas, length] :
-       {std::pair(&of_columns, frame.width), std::pair(&of_rows, frame.height)})
+       {std::pair(&of_columns, frame.width + left), std::pair(&of_rows, frame.height + top)})
     if (!deltas->empty() && std::ssize(*deltas) != length)
       throw FormatError(path, "states black levels (BlackLevelDelta) of " + std::to_string(deltas->size()) +
                                   " rows or columns, of which it has " + std::to_string(length) +
@@ -156,7 +164,7 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   };
   const double mean = mean_of(of_columns) + mean_of(of_rows);
   const auto black_at = [&](std::size_t i) {
-    const std::size_t pixel = i / channels, y = pixel / frame.width, x = pixel % frame.width;
+    const std::size_t pixel = i / channels, y = pixel / frame.width + top, x = pixel % frame.width + left;
     const int site = has_colours ? raw.COLOR(static_cast<int>(y), static_cast<int>(x)) : 0;
     const double black =
         black_of_raw(colour, y, x, channels > 1 ? i % channels : static_cast<std::size_t>(site));
@@ -293,8 +301,8 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   const ImageFacts facts = facts_of_photograph(path);
   if (is_raw_file(path, facts)) return read_raw_file(path, one_channel);
   BracketFile file;
-  file.settings = {facts.iso,           facts.f_number,     facts.focal_length_mm,
-                   facts.white_balance, facts.light_source, facts.orientation};
+  file.settings = {facts.iso,          facts.f_number,    facts.focal_length_mm, facts.white_balance,
+                   facts.light_source, facts.orientation, facts.digital_zoom};
   if (facts.exposure_seconds) file.exposure = Seconds(*facts.exposure_seconds);
   const auto input = image_format(path) == ImageFormat::hdr ? nullptr : open_image_file(path);
   if (input && !file.exposure) file.exposure = exposure_of(*input);
@@ -348,6 +356,7 @@ void require_same_settings(const CameraSettings& settings, const fs::path& path,
   require("ISO speed", settings.iso, expected.iso, again);
   require("aperture f/", settings.f_number, expected.f_number, again);
   require("focal length (mm)", settings.focal_length_mm, expected.focal_length_mm, again);
+  require("EXIF DigitalZoomRatio", settings.digital_zoom, expected.digital_zoom, again);
   const char* develop = "develop all with one white balance, or give the RAW files";
   require("EXIF WhiteBalance", settings.white_balance, expected.white_balance, develop);
   require("EXIF LightSource (white balance preset)", settings.light_source, expected.light_source, develop);

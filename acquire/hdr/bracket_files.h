@@ -17,9 +17,10 @@ struct CameraSettings {
   std::optional<double> f_number;
   std::optional<double> focal_length_mm;
   // Of developed files alone: RAW samples do not depend on them.
-  std::optional<int> white_balance;  ///< 0 automatic, 1 manual (EXIF)
-  std::optional<int> light_source;   ///< preset of the white balance, such as 1 daylight (EXIF)
-  int orientation = 1;               ///< as ImageFacts::orientation
+  std::optional<int> white_balance;         ///< 0 automatic, 1 manual (EXIF)
+  std::optional<int> light_source;          ///< preset of the white balance, such as 1 daylight (EXIF)
+  int orientation = 1;                      ///< as ImageFacts::orientation
+  std::optional<double> digital_zoom = {};  ///< EXIF DigitalZoomRatio
   std::optional<int> bits = {};  ///< of integer files that state no encoding: it is assumed by their depth
 };
 

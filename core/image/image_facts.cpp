@@ -4,6 +4,7 @@
 #include <zlib.h>
 
 #include <cmath>
+#include <map>
 
 #include "core/image/image_header.h"
 #include "core/image/tone_map.h"
@@ -165,6 +166,7 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
       if (tag == 37386) facts.focal_length_mm = positive;
       if (tag == 37384) facts.light_source = static_cast<int>(value);
       if (tag == 41987) facts.white_balance = static_cast<int>(value);
+      if (tag == 41988) facts.digital_zoom = value > 0.0 ? value : 1.0;  // 0: it was not used
       if (tag == 34675) read_profile(file.text(place, std::min(count, max_profile_bytes)), facts);
       // The directories of EXIF and, in it, of interoperability, which marks Adobe RGB. Source: DCF 2.0, 3.
       if ((tag == 34665 && depth == 0) || (tag == 40965 && depth == 1))
@@ -201,7 +203,7 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
 
 /// Segments up to the first scan: APP1 holds EXIF, APP2 the profile, perhaps in parts.
 void read_jpeg(FileBytes& file, ImageFacts& facts) {
-  std::string profile;
+  std::map<std::uint64_t, std::string> parts;  // of the profile, by number: ICC.1:2010, B.4
   for (std::uint64_t at = 2; at + 4 < file.size();) {
     const std::uint64_t marker = file.number(at, 2, true), length = file.number(at + 2, 2, true);
     if (marker == 0xffff) {  // padding
@@ -213,9 +215,11 @@ void read_jpeg(FileBytes& file, ImageFacts& facts) {
     if (marker == 0xfffe && file.text(at + 4, 9) == "CS=ITU601") facts.refusal = levels_refusal;  // FFmpeg
     if (marker == 0xffe1 && file.text(at + 4, 6) == "Exif\0\0"sv) read_tiff(file, at + 10, facts);
     if (marker == 0xffe2 && file.text(at + 4, 12) == "ICC_PROFILE\0"sv && length > 16)
-      profile += file.text(at + 18, length - 16);
+      parts[file.number(at + 16, 1, true)] += file.text(at + 18, length - 16);
     at += 2 + length;
   }
+  std::string profile;
+  for (const auto& [number, part] : parts) profile += part;
   if (!profile.empty()) read_profile(profile, facts);
 }
 

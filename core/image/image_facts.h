@@ -17,9 +17,9 @@ struct ImageFacts {
   /// and gAMA of a PNG file, an ICC profile or the DCF option file of EXIF (Adobe RGB) state it, "unknown"
   /// for another curve; empty: not stated.
   std::string response;
-  std::optional<double> exposure_seconds, iso, f_number, focal_length_mm;  ///< EXIF
-  std::optional<int> white_balance;                                        ///< EXIF: 0 automatic, 1 manual
-  std::optional<int> light_source;  ///< EXIF: 0 unknown, 1 daylight, …
+  std::optional<double> exposure_seconds, iso, f_number, focal_length_mm, digital_zoom;  ///< EXIF
+  std::optional<int> white_balance;  ///< EXIF: 0 automatic, 1 manual
+  std::optional<int> light_source;   ///< EXIF: 0 unknown, 1 daylight, …
   std::string refusal;  ///< of what decoders misread, or hand on as if it were one RGB image: what to tell;
                         ///< else empty
   bool is_raw = false;  ///< a TIFF file of sensor samples: a colour filter array, or a DNG of another name

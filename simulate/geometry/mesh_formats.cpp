@@ -568,7 +568,8 @@ void read_mtl(const fs::path& file, const fs::path& path, Mtl& mtl, ImportedMesh
   std::string name;
   const auto close = [&] {
     if (!material) return;
-    mtl.index.try_emplace(name, static_cast<std::uint32_t>(mtl.materials.size()));
+    if (!mtl.index.try_emplace(name, static_cast<std::uint32_t>(mtl.materials.size())).second)
+      mesh.notes += "of materials of one name in its MTL files, the first counts\n";
     mtl.materials.push_back(finish(*material));
     mtl.placements.push_back(material->placement);
   };

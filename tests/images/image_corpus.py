@@ -60,11 +60,12 @@ def directory(tags, order, base, big=False):
     return out + b"\0" * inline + extra
 
 
-def exif_tags(iso=None, f_number=None, seconds=None, focal=None, white_balance=None, light_source=None, more=None, **_):
+def exif_tags(iso=None, f_number=None, seconds=None, focal=None, white_balance=None, light_source=None, digital_zoom=None, more=None, **_):
     """`more`: further tags, {tag: (type, values)}."""
     fraction = lambda v: (5, (round(v * 10000), 10000))
     return {k: v for k, v in {**(more or {}), 33434: seconds and fraction(seconds), 33437: f_number and fraction(f_number),
                               34855: iso and (3, iso), 37386: focal and fraction(focal),
+                              41988: None if digital_zoom is None else fraction(digital_zoom),
                               41987: None if white_balance is None else (3, white_balance),
                               37384: None if light_source is None else (3, light_source)}.items() if v}
 

@@ -104,6 +104,13 @@ def raw_cases():
         masked[y:y + 48, x:x + 64] = corpus.mosaic(sensor, "rggb")
         yield case(f"RAW with ActiveArea at {y}, {x}", {"a.dng": dng(masked, tags={50829: (4, [y, x, y + 48, x + 64])})},
                    truth[y % 2:, x % 2:], where=sites("rggb", light.shape[:2])[y % 2:, x % 2:])
+        masked[y:y + 48, x:x + 64] = corpus.mosaic(uneven, "rggb")
+        yield case(f"RAW with ActiveArea at {y}, {x}, BlackLevelDelta", {"a.dng": dng(masked, tags={50829: (4, [y, x, y + 48, x + 64]), **deltas})},
+                   truth[y % 2:, x % 2:], where=sites("rggb", light.shape[:2])[y % 2:, x % 2:])
+        masked[y:y + 48, x:x + 64] += (of_sites - corpus.BLACK - columns - rows[:, None]).astype(np.uint16)
+        yield case(f"RAW with ActiveArea at {y}, {x}, black level per site",
+                   {"a.dng": dng(masked, black=blacks, tags={50713: (3, [2, 2]), 50829: (4, [y, x, y + 48, x + 64])})},
+                   truth[y % 2:, x % 2:], where=sites("rggb", light.shape[:2])[y % 2:, x % 2:])
     yield case("RAW with planes of BGR", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50710: (1, [2, 1, 0])})}, refused="colour filter 'BGR'")
     yield case("RAW of staggered rows", {"a.dng": dng(corpus.mosaic(sensor, "rggb"), tags={50711: (3, 6)})}, refused="staggered")
     for name, pattern, planes in (("CMY", (3, 4, 4, 5), (3, 4, 5)), ("GMCY", (1, 4, 3, 5), (1, 4, 3, 5)), ("RGBW", (0, 1, 6, 2), (0, 1, 2, 6)),
@@ -272,6 +279,12 @@ def jpeg_cases():
     for curve in ("srgb", "1.8", "linear"):
         stored = integers(encoded(flat, curve, ""), 8)
         yield case(f"JPEG, ICC profile {curve}", {"a.jpg": jpeg(stored, profile=icc(curve))}, flat, tolerance=0.08, how="map")
+    profile, stored = icc("1.8"), jpeg(integers(encoded(flat, "1.8", ""), 8))
+    parts = [b"\xff\xe2" + struct.pack(">H", len(part) + 16) + b"ICC_PROFILE\0" + bytes([i + 1, 3]) + part
+             for i, part in enumerate((profile[:90], profile[90:150], profile[150:]))]
+    for order in itertools.permutations(range(3)):
+        yield case(f"JPEG, parts {order} of an ICC profile", {"a.jpg": stored[:2] + b"".join(parts[i] for i in order) + stored[2:]}, flat,
+                   tolerance=0.08, how="map")
 
 
 def radiance_cases():
@@ -355,10 +368,11 @@ def setting_cases():
         del containers["jpg"]
     for setting, values, text in (("iso", (100, 200), "ISO speed 200.*100"), ("f_number", (8, 11), "aperture f/ ?11.*8"),
                                   ("focal", (50, 70), "focal length.*70.*50"), ("white_balance", (0, 1), "WhiteBalance 1.*0"),
-                                  ("light_source", (1, 3), "LightSource.*3.*1"), ("orientation", (1, 3), "Orientation 3.*1")):
+                                  ("light_source", (1, 3), "LightSource.*3.*1"), ("orientation", (1, 3), "Orientation 3.*1"),
+                                  ("digital_zoom", (0, 2), "DigitalZoomRatio 2.*1")):
         for container, write in containers.items():
             files = {f"{i}.{container}": write(seconds=0.01, **{setting: value}) for i, value in enumerate(values)}
-            of_development = setting in ("white_balance", "light_source", "orientation")
+            of_development = setting in ("white_balance", "light_source", "orientation", "digital_zoom")
             yield case(f"{setting} differs, {container}", files, how="dome",
                        **({"truth": True} if container == "dng" and of_development else {"refused": text}))
     # EXIF 2.3: 65535 where ISOSpeed or another kind of sensitivity tells more; logarithms to base 2; a signed fraction.

@@ -217,6 +217,8 @@ IGNORED = [
      PLAIN, "indices of a colour map are ignored"),
     ("obj material library missing", as_m("obj", obj(head=["mtllib absent.mtl", "usemtl m"])),
      PLAIN, "not all the materials"),
+    ("mtl of two materials of one name", as_m("obj", obj(head=MTL), **{"m.mtl": b"newmtl m\nKd 0.3 0.3 0.3\nnewmtl m\nKd 0.9 0 0\n"}),
+     truth(reflectance=0.3), "materials of one name"),
     ("obj free-form surface", as_m("obj", obj(between=["surf 0 1 0 1 1 2 3 4"])), PLAIN, "free-form"),
     ("mtl spectrum", with_mtl("Kd spectral a.rfl 1"), PLAIN, "spectra or CIE XYZ are ignored"),
     ("mtl CIE XYZ", with_mtl("Kd xyz 0.5 0.5 0.5"), PLAIN, "CIE XYZ are ignored"),
