@@ -198,7 +198,7 @@ SCREENS = {
 
 
 def in_window(what, x, y):
-    """Where a window of 1280×860 shows a pixel or a texel (relight/viewer/field/panels.cpp, draw_panels)."""
+    """Where a window of 1280×860 shows a pixel or a texel (relight/viewer/gui/viewer_window.cpp, draw)."""
     if what == "mesh":
         return 8 + x, 8 + y
     return (862.4 + 3.2 * (x + 0.5), 8 + 3.2 * (y + 0.5)) if what == "light" else (8 + 2.645 * (x + 0.5), 97.6 + 2.645 * (y + 0.5))

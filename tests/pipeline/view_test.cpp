@@ -29,7 +29,7 @@ constexpr MonitorPlacement placement{
 constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
 constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
 
-// What draw_panels() makes of a window of 1200×760: a light map of 64 texels at the upper right, whose texels
+// What ViewerWindow::draw() makes of a window of 1200×760: a light map of 64 texels at the upper right, whose texels
 // are squares of 6 pixels, and a picture of 792×714 at the left.
 constexpr double texel_px = 6.0, light_left = 808.0, panel_top = 8.0, picture_left = 8.0;
 constexpr int picture_width = 792, picture_height = 714;

@@ -81,7 +81,7 @@ void ViewState::probe(std::optional<Box> part) {
 }
 
 /// Relights until the image is current or patience is at its end; whether there is a new image.
-bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, Refreshed& done) {
+bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, Changed& done) {
   const auto start = std::chrono::steady_clock::now();
   bool relit = false;
   while (!is_current()) {
@@ -103,7 +103,7 @@ bool ViewState::await_relit(std::optional<std::chrono::milliseconds> patience, R
 }
 
 /// Of a job that has ended.
-void ViewState::take_result(Refreshed& done) {
+void ViewState::take_result(Changed& done) {
   const auto job = std::exchange(job_, nullptr);
   done_ = running_;  // also where it failed: it would fail again
   const FrameTime times = job->take();
@@ -131,8 +131,8 @@ bool ViewState::look(bool relit) {
   return true;
 }
 
-ViewState::Refreshed ViewState::refresh(std::optional<std::chrono::milliseconds> patience) {
-  Refreshed done;
+ViewState::Changed ViewState::refresh(std::optional<std::chrono::milliseconds> patience) {
+  Changed done;
   const bool relit = await_relit(patience, done);
   auto start = std::chrono::steady_clock::now();
   if (look(relit)) {

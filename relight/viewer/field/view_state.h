@@ -18,7 +18,6 @@
 #include "relight/viewer/field/light_painter.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
-#include "relight/viewer/gui/window_state.h"
 
 namespace refield {
 
@@ -320,15 +319,13 @@ class ViewState {
   std::size_t relit() const { return relit_count_; }
 
   /// What was outdated and is anew.
-  struct Refreshed {
-    bool picture = false;
+  struct Changed : Refreshed {
     bool light = false;
     bool kernels = false;
-    FrameTime time;  ///< all but total_ms and draw_ms
   };
   /// Brings up to date what can be within `patience`, by default all of it. Throws what projecting the map
   /// throws.
-  Refreshed refresh(std::optional<std::chrono::milliseconds> patience = std::nullopt);
+  Changed refresh(std::optional<std::chrono::milliseconds> patience = std::nullopt);
 
   /// The picture, as of the last refresh(). Pixels of red, green, blue, alpha, row-major.
   const Image& radiance() const { return view_ ? seen_ : relit_.outputs; }
@@ -345,8 +342,8 @@ class ViewState {
   ViewState(std::shared_ptr<FieldPixels> pixels, std::unique_ptr<DetailLoader>&& loader,
             const RunContext& run);
 
-  bool await_relit(std::optional<std::chrono::milliseconds> patience, Refreshed& done);
-  void take_result(Refreshed& done);
+  bool await_relit(std::optional<std::chrono::milliseconds> patience, Changed& done);
+  void take_result(Changed& done);
   bool look(bool relit);
   void expose_if_current();
   bool draw_light();

@@ -18,6 +18,23 @@ struct Point {
   double y = 0.0;
 };
 
+/// Where the time of one frame went.
+struct FrameTime {
+  double total_ms = 0.0;  ///< from one frame's start to the next one's, waiting for the user left out
+  double relight_ms = 0.0;
+  double tone_ms = 0.0;
+  double draw_ms = 0.0;   ///< textures, panels, OpenGL until the frame is shown
+  double view_ms = 0.0;   ///< of fields over a mesh: finding what the camera sees, and its picture
+  double light_ms = 0.0;  ///< making the light map: turning or projecting a map, painting light sources
+  double wait_ms = 0.0;   ///< of the frame: relighting, or waiting for it where it is done in the background
+};
+
+/// What refreshing a frame did: whether the picture is another, and what it took.
+struct Refreshed {
+  bool picture = false;
+  FrameTime time;  ///< all but total_ms and draw_ms
+};
+
 /// How an image lies in an area of the window: as large as fits, or zoomed and moved by hand.
 class Canvas {
  public:

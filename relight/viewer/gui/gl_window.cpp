@@ -51,8 +51,14 @@ void load_font(float scale) {
                     what + (reason != nullptr ? " (" + std::string(reason) + ")" : "") + "; " + remedy);
 }
 
-InputQueue& queue_of(GLFWwindow* window) {
-  return *static_cast<InputQueue*>(glfwGetWindowUserPointer(window));
+/// Of a window, by GLFW's pointer to it.
+struct Input {
+  InputQueue queue;
+  FrameInput frame;  ///< what the events of the frame were, as they are applied
+};
+
+Input& input_of(GLFWwindow* window) {
+  return *static_cast<Input*>(glfwGetWindowUserPointer(window));
 }
 
 void on_move(GLFWwindow* window, double x, double y) {
@@ -60,30 +66,46 @@ void on_move(GLFWwindow* window, double x, double y) {
   int width = 0, height = 0, pixels_wide = 0, pixels_high = 0;
   glfwGetWindowSize(window, &width, &height);
   glfwGetFramebufferSize(window, &pixels_wide, &pixels_high);
-  queue_of(window).push(
-      MouseMoved{x * pixels_wide / std::max(width, 1), y * pixels_high / std::max(height, 1)});
+  const ImVec2 at = vector(x * pixels_wide / std::max(width, 1), y * pixels_high / std::max(height, 1));
+  input_of(window).queue.push({InputEvent::Kind::mouse_move, [=] { ImGui::GetIO().MousePos = at; }});
 }
 
 void on_button(GLFWwindow* window, int button, int action, int) {
-  if (button <= GLFW_MOUSE_BUTTON_MIDDLE)
-    queue_of(window).push(MouseButtonChanged{static_cast<MouseButton>(button), action == GLFW_PRESS});
+  if (button > GLFW_MOUSE_BUTTON_MIDDLE) return;
+  input_of(window).queue.push(
+      {InputEvent::Kind::mouse_button, [=] { ImGui::GetIO().MouseDown[button] = action == GLFW_PRESS; }});
 }
 
 void on_scroll(GLFWwindow* window, double x, double y) {
-  queue_of(window).push(MouseScrolled{x, y});
+  input_of(window).queue.push({InputEvent::Kind::other, [=] {
+                                 ImGui::GetIO().MouseWheelH += static_cast<float>(x);
+                                 ImGui::GetIO().MouseWheel += static_cast<float>(y);
+                               }});
 }
 
 void on_key(GLFWwindow* window, int key, int, int action, int modifiers) {
-  queue_of(window).push(KeyChanged{key, action != GLFW_RELEASE, (modifiers & GLFW_MOD_SHIFT) != 0,
-                                   (modifiers & GLFW_MOD_CONTROL) != 0});
+  Input& input = input_of(window);
+  input.queue.push({InputEvent::Kind::other, [=, &input] {
+                      ImGuiIO& io = ImGui::GetIO();
+                      const bool is_down = action != GLFW_RELEASE;
+                      if (key >= 0 && key < IM_ARRAYSIZE(io.KeysDown)) io.KeysDown[key] = is_down;
+                      io.KeyShift = (modifiers & GLFW_MOD_SHIFT) != 0;
+                      io.KeyCtrl = (modifiers & GLFW_MOD_CONTROL) != 0;
+                      if (is_down && !io.KeyCtrl) input.frame.keys.push_back({key, io.KeyShift});
+                    }});
 }
 
 void on_character(GLFWwindow* window, unsigned code_point) {
-  queue_of(window).push(CharacterTyped{code_point});
+  input_of(window).queue.push(
+      {InputEvent::Kind::other, [=] { ImGui::GetIO().AddInputCharacter(code_point); }});
 }
 
 void on_drop(GLFWwindow* window, int count, const char** files) {
-  queue_of(window).push(FilesDropped{{files, files + count}});
+  Input& input = input_of(window);
+  input.queue.push(
+      {InputEvent::Kind::other, [&input, dropped = std::vector<std::filesystem::path>(files, files + count)] {
+         input.frame.dropped.insert(input.frame.dropped.end(), dropped.begin(), dropped.end());
+       }});
 }
 
 /// Keys that text fields need, under the numbers that GLFW gives them.
@@ -99,25 +121,6 @@ void map_keys(ImGuiIO& io) {
   io.KeyMap[ImGuiKey_Escape] = GLFW_KEY_ESCAPE;
   io.KeyMap[ImGuiKey_A] = GLFW_KEY_A;
 }
-
-struct HandOver {
-  ImGuiIO& io;
-  void operator()(const MouseMoved& e) const {
-    io.MousePos = ImVec2(static_cast<float>(e.x), static_cast<float>(e.y));
-  }
-  void operator()(const MouseButtonChanged& e) const { io.MouseDown[static_cast<int>(e.button)] = e.is_down; }
-  void operator()(const MouseScrolled& e) const {
-    io.MouseWheelH += static_cast<float>(e.x);
-    io.MouseWheel += static_cast<float>(e.y);
-  }
-  void operator()(const KeyChanged& e) const {
-    if (e.key >= 0 && e.key < IM_ARRAYSIZE(io.KeysDown)) io.KeysDown[e.key] = e.is_down;
-    io.KeyShift = e.with_shift;
-    io.KeyCtrl = e.with_control;
-  }
-  void operator()(const CharacterTyped& e) const { io.AddInputCharacter(e.code_point); }
-  void operator()(const FilesDropped&) const {}
-};
 
 /// Neutral greys around pictures, so that they alone have colour; amber marks what is selected.
 void apply_theme(float scale) {
@@ -183,7 +186,7 @@ struct GlWindow::Impl {
 
   Library library;
   GLFWwindow* window = nullptr;
-  InputQueue events;
+  Input input;
   GLFWcursor* hand = nullptr;
   std::chrono::steady_clock::time_point last_frame = std::chrono::steady_clock::now();
 
@@ -233,7 +236,7 @@ struct GlWindow::Impl {
 
 GlWindow::GlWindow(int width, int height) : impl_(std::make_unique<Impl>(width, height)) {
   GLFWwindow* window = impl_->window;
-  glfwSetWindowUserPointer(window, &impl_->events);
+  glfwSetWindowUserPointer(window, &impl_->input);
   glfwSetCursorPosCallback(window, on_move);
   glfwSetMouseButtonCallback(window, on_button);
   glfwSetScrollCallback(window, on_scroll);
@@ -252,16 +255,15 @@ void GlWindow::set_title(const std::string& title) {
   glfwSetWindowTitle(impl_->window, title.c_str());
 }
 
-void GlWindow::collect(InputQueue& queue, double patience_s) {
-  if (patience_s > 0.0)
+bool GlWindow::collect(double patience_s) {
+  if (patience_s > 0.0 && impl_->input.queue.is_empty())
     glfwWaitEventsTimeout(patience_s);
   else
     glfwPollEvents();
-  for (auto events = impl_->events.take_frame(); !events.empty(); events = impl_->events.take_frame())
-    for (InputEvent& event : events) queue.push(std::move(event));
+  return !impl_->input.queue.is_empty();
 }
 
-void GlWindow::begin_frame(std::span<const InputEvent> events) {
+FrameInput GlWindow::begin_frame() {
   ImGuiIO& io = ImGui::GetIO();
   int width = 0, height = 0;
   glfwGetFramebufferSize(impl_->window, &width, &height);
@@ -269,9 +271,10 @@ void GlWindow::begin_frame(std::span<const InputEvent> events) {
   const auto now = std::chrono::steady_clock::now();
   io.DeltaTime = std::max(1e-4f, std::chrono::duration<float>(now - impl_->last_frame).count());
   impl_->last_frame = now;
-  for (const InputEvent& event : events) std::visit(HandOver{io}, event);
+  for (const InputEvent& event : impl_->input.queue.take_frame()) event.apply();
   ImGui_ImplOpenGL3_NewFrame();
   ImGui::NewFrame();
+  return std::exchange(impl_->input.frame, {});
 }
 
 void GlWindow::end_frame(ScreenImage* shot) {
@@ -323,126 +326,6 @@ void Texture::set_smooth(bool is_smooth) {
 void* Texture::handle() const {
   // NOLINTNEXTLINE(performance-no-int-to-ptr): Dear ImGui carries OpenGL's numbers in pointers.
   return reinterpret_cast<void*>(static_cast<std::uintptr_t>(name_));
-}
-
-namespace {
-
-using Clock = std::chrono::steady_clock;
-
-constexpr double idle_patience_s = 0.2;
-/// Panels settle their layout over a few frames after the last event.
-constexpr int frames_after_event = 4;
-constexpr std::size_t recent_frames = 30;
-
-double milliseconds_between(Clock::time_point from, Clock::time_point to) {
-  return std::chrono::duration<double, std::milli>(to - from).count();
-}
-
-class WindowLoop {
- public:
-  WindowLoop(GlWindow& window, const WindowContent& content)
-      : content_(content), state_(content.state), window_(window) {}
-
-  void run() {
-    while (!window_.is_closed() && !state_.wants_to_close) {
-      state_.run.throw_if_stopped();
-      const bool is_busy =
-          content_.wants_frame() || frames_left_ > 0 || content_.is_moving() || !input_.is_empty();
-      window_.collect(input_, is_busy ? 0.0 : idle_patience_s);
-      if (!input_.is_empty()) frames_left_ = frames_after_event;
-      const bool has_notice_passed = state_.notice && Clock::now() > state_.notice->until;
-      if (!is_busy && input_.is_empty() && !has_notice_passed) {
-        last_end_.reset();
-        last_moved_.reset();
-        continue;
-      }
-      frame();
-      --frames_left_;
-    }
-  }
-
- private:
-  void handle(const std::vector<InputEvent>& events) {
-    for (const InputEvent& event : events) {
-      const bool is_key = std::holds_alternative<KeyChanged>(event);
-      if (std::holds_alternative<FilesDropped>(event) || (is_key && !ImGui::GetIO().WantTextInput))
-        content_.handle(event);
-    }
-  }
-
-  void frame() {
-    const auto start = Clock::now();
-    if (content_.is_moving() && last_moved_)
-      content_.advance(milliseconds_between(*last_moved_, start) / 1000.0);
-    last_moved_ = start;
-    const auto events = input_.take_frame();
-    window_.begin_frame(events);
-    handle(events);
-    const FrameTime parts = content_.draw();
-    if (!draw_to_screen()) note_time(start, parts);
-    if (const std::string title = content_.title(); titled_ != title) {
-      titled_ = title;
-      window_.set_title(title + " – refield");
-    }
-  }
-
-  /// Whether a screenshot was taken, too, which makes the frame long.
-  bool draw_to_screen() {
-    const bool is_asked_for = std::exchange(state_.wants_screenshot, false);
-    ScreenImage shot;
-    window_.end_frame(is_asked_for ? &shot : nullptr);
-    if (!is_asked_for) return false;
-    const std::filesystem::path file = free_name("view", ".png");
-    write_png(file, shot);
-    last_end_.reset();  // the time that writing took is no frame's
-    say(state_, "Saved " + file.string());
-    return true;
-  }
-
-  void note_time(Clock::time_point start, FrameTime time) {
-    const auto end = Clock::now();
-    time.total_ms = milliseconds_between(last_end_.value_or(start), end);
-    time.draw_ms = milliseconds_between(start, end) - time.wait_ms - time.view_ms - time.tone_ms;
-    last_end_ = end;
-    state_.recent_frames.push_back(time);
-    if (state_.recent_frames.size() > recent_frames) state_.recent_frames.pop_front();
-  }
-
-  const WindowContent& content_;
-  WindowState& state_;
-  GlWindow& window_;
-  InputQueue input_;
-  int frames_left_ = frames_after_event;
-  std::optional<Clock::time_point> last_end_, last_moved_;
-  std::string titled_;
-};
-
-}  // namespace
-
-bool show_message_until(GlWindow& window, const std::string& message,
-                        const std::function<bool(std::chrono::milliseconds)>& is_done,
-                        const RunContext& run) {
-  constexpr std::chrono::milliseconds frame(50);
-  const auto start = Clock::now();
-  InputQueue ignored;
-  while (!window.is_closed()) {
-    run.throw_if_stopped();
-    window.collect(ignored, 0.0);
-    ignored = {};
-    window.begin_frame({});
-    const std::string text =
-        message + formatted(" … %.0f s", milliseconds_between(start, Clock::now()) / 1000.0);
-    const ImVec2 size = ImGui::CalcTextSize(text.c_str()), all = ImGui::GetIO().DisplaySize;
-    ImGui::GetBackgroundDrawList()->AddText(vector(0.5 * (all.x - size.x), 0.5 * (all.y - size.y)),
-                                            text_colour, text.c_str());
-    window.end_frame(nullptr);
-    if (is_done(frame)) return true;
-  }
-  return false;
-}
-
-void run_window(GlWindow& window, const WindowContent& content) {
-  WindowLoop(window, content).run();
 }
 
 }  // namespace refield

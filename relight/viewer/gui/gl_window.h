@@ -1,19 +1,60 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <chrono>
 #include <cstdint>
+#include <deque>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
+#include <vector>
 
-#include "core/base/run_context.h"
 #include "core/image/image_io.h"
-#include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/window_state.h"
 
 namespace refield {
+
+/// What a window's user does; `apply` hands it on.
+struct InputEvent {
+  enum class Kind { mouse_move, mouse_button, other };
+  Kind kind = Kind::other;
+  std::function<void()> apply = [] {};
+};
+
+/// Events in the order in which they happened.
+class InputQueue {
+ public:
+  void push(InputEvent event) { events_.push_back(std::move(event)); }
+  bool is_empty() const { return events_.empty(); }
+
+  /// Takes the events of one frame: all up to the first that comes after a press or release and would blur
+  /// where or in what order that was. A click that began and ended between two frames so takes two.
+  std::vector<InputEvent> take_frame() {
+    std::vector<InputEvent> frame;
+    bool had_button = false;
+    while (!events_.empty() && !(had_button && events_.front().kind != InputEvent::Kind::other)) {
+      had_button |= events_.front().kind == InputEvent::Kind::mouse_button;
+      frame.push_back(std::move(events_.front()));
+      events_.pop_front();
+    }
+    return frame;
+  }
+
+ private:
+  std::deque<InputEvent> events_;
+};
+
+struct PressedKey {
+  int key = 0;  ///< GLFW's number
+  bool with_shift = false;
+};
+
+/// What a frame is to act on, beside mouse and text, which Dear ImGui takes.
+struct FrameInput {
+  std::vector<PressedKey> keys;  ///< without Control
+  std::vector<std::filesystem::path> dropped;
+};
 
 /// A window with OpenGL 3.3 and Dear ImGui: collects input, draws frames. One at a time.
 class GlWindow {
@@ -27,11 +68,12 @@ class GlWindow {
   bool is_closed() const;
   void set_title(const std::string& title);
 
-  /// Adds what happened since the last call to `queue`; waits for it up to `patience_s`.
-  void collect(InputQueue& queue, double patience_s);
+  /// Collects what happened since the last call; waits for it up to `patience_s` where no earlier event is
+  /// left. Whether there is an event.
+  bool collect(double patience_s);
 
-  /// Hands a frame's mouse and text events to Dear ImGui and begins the frame.
-  void begin_frame(std::span<const InputEvent> events);
+  /// Begins a frame with the next events.
+  FrameInput begin_frame();
   /// Draws what was asked of Dear ImGui since begin_frame(), and shows it. `shot`, where given, takes what
   /// the window shows.
   void end_frame(ScreenImage* shot);
@@ -61,29 +103,5 @@ class Texture {
   int width_ = 0, height_ = 0;
   bool is_smooth_ = true;
 };
-
-/// What a window shows, as its loop takes it.
-struct WindowContent {
-  WindowState& state;
-  std::function<std::string()> title;
-  /// Whether another frame is due though nothing happened.
-  std::function<bool()> wants_frame;
-  /// Whether things move by themselves, and their motion by the seconds since the last frame.
-  std::function<bool()> is_moving;
-  std::function<void(double seconds)> advance;
-  /// Dropped files, and keys while no text is typed; mouse and text go to the panels.
-  std::function<void(const InputEvent&)> handle;
-  /// Panels and what they show; all but total_ms and draw_ms of the time that it took.
-  std::function<FrameTime()> draw;
-};
-
-/// Shows a message, and since when it is there, until `is_done`, called with the time that it may wait,
-/// returns true. False: the window was closed before. Throws Interrupted.
-bool show_message_until(GlWindow& window, const std::string& message,
-                        const std::function<bool(std::chrono::milliseconds patience)>& is_done,
-                        const RunContext& run);
-
-/// Shows `content` until the window is closed, sleeping while nothing happens. Throws Interrupted.
-void run_window(GlWindow& window, const WindowContent& content);
 
 }  // namespace refield

@@ -139,7 +139,7 @@ void SceneState::expose() {
   set_tone({exposure_to_white(view_->seen().show(reflected)), tone_.curve});
 }
 
-SceneState::Refreshed SceneState::refresh() {
+Refreshed SceneState::refresh() {
   Refreshed done;
   auto start = std::chrono::steady_clock::now();
   const bool is_lit = is_light_old_ || view_->is_moved();  // what is glossy looks otherwise from elsewhere

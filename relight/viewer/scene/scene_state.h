@@ -14,7 +14,6 @@
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/canvas.h"
-#include "relight/viewer/gui/window_state.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield {
@@ -73,11 +72,7 @@ class SceneState {
   /// So that 1 % of the picture without area lights is white or more.
   void expose();
 
-  /// What it took, and whether there is a new picture.
-  struct Refreshed {
-    bool picture = false;
-    FrameTime time;
-  };
+  /// Whether there is a new picture, and what it took.
   Refreshed refresh();
 
   /// The picture, as of the last refresh(). Pixels of red, green, blue, alpha, row-major.

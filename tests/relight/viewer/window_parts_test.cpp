@@ -14,8 +14,8 @@
 #include "relight/viewer/field/light_painter.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
-#include "relight/viewer/gui/input.h"
-#include "relight/viewer/gui/window_state.h"
+#include "relight/viewer/gui/gl_window.h"
+#include "relight/viewer/gui/viewer_window.h"
 #include "tests/support/random_data.h"
 #include "tests/support/temporary_folder.h"
 
@@ -51,14 +51,11 @@ TEST(FitLight, RefusesMapsOfAnotherKind) {
 }
 
 TEST(InputQueue, KeepsClicksApart) {
+  using Kind = InputEvent::Kind;
   InputQueue queue;
-  queue.push(MouseMoved{1, 1});
-  queue.push(MouseMoved{2, 1});
-  queue.push(MouseButtonChanged{MouseButton::left, true});
-  queue.push(KeyChanged{65, true, false, false});
-  queue.push(MouseMoved{5, 1});
-  queue.push(MouseButtonChanged{MouseButton::left, false});
-  queue.push(MouseButtonChanged{MouseButton::left, true});
+  for (const Kind kind : {Kind::mouse_move, Kind::mouse_move, Kind::mouse_button, Kind::other,
+                          Kind::mouse_move, Kind::mouse_button, Kind::mouse_button})
+    queue.push({.kind = kind});
   std::vector<std::size_t> frames;
   while (!queue.is_empty()) frames.push_back(queue.take_frame().size());
   EXPECT_EQ(frames, (std::vector<std::size_t>{4, 2, 1}));
