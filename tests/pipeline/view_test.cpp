@@ -29,8 +29,8 @@ constexpr MonitorPlacement placement{
 constexpr LightDomain monitor{64, 48, Parameterisation::monitor};
 constexpr LightDomain sphere{64, 32, Parameterisation::lat_long};
 
-// What ViewerWindow::draw() makes of a window of 1200×760: a light map of 64 texels at the upper right, whose texels
-// are squares of 6 pixels, and a picture of 792×714 at the left.
+// What ViewerWindow::draw() makes of a window of 1200×760: a light map of 64 texels at the upper right, whose
+// texels are squares of 6 pixels, and a picture of 792×714 at the left.
 constexpr double texel_px = 6.0, light_left = 808.0, panel_top = 8.0, picture_left = 8.0;
 constexpr int picture_width = 792, picture_height = 714;
 
@@ -67,9 +67,9 @@ class ViewField : public test::ViewProgram {
 /// On the monitor, the first one at that place.
 LightMap light_of_the_start(double x, double y) {
   LightSetup setup(monitor);
-  setup.set_ambient(0.03);
-  setup.add({PaintedLight::Shape::spot, x, y, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  setup.add({PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  setup.ambient = 0.03;
+  setup.light_sources.push_back({PaintedLight::Shape::spot, x, y, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup.light_sources.push_back({PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
   LightPainter painter(monitor);
   painter.paint(setup);
   return painter.light();

@@ -83,19 +83,18 @@ FieldViewer::FieldViewer(OpenedFile field, std::vector<MonitorPlacement> monitor
 
 void FieldViewer::show_light(OpenedLight opened) {
   LightSetup& setup = state_->setup();
-  const bool is_monitor = setup.domain().parameterisation == Parameterisation::monitor;
+  const bool is_monitor = setup.domain.parameterisation == Parameterisation::monitor;
   if (!setup.has_map()) {
-    setup.remove_all();
-    setup.set_ambient(0.0);
+    setup.light_sources.clear();
+    setup.ambient = 0.0;
     selected.reset();
   }
   setup.set_map(std::nullopt);
   setup.set_turns(0.0);
   tells_share_ = opened.environment && is_monitor;
-  if (opened.environment)
-    setup.set_environment(std::move(opened.environment), std::move(opened.projector));
-  else
-    setup.set_map(std::move(opened.map));
+  setup.environment = std::move(opened.environment);
+  setup.projector = std::move(opened.projector);
+  if (!setup.environment) setup.set_map(std::move(opened.map));
   light_name_ = opened.file.filename().string();
   light_file_ = opened.file;
   state_->probe(std::nullopt);
@@ -184,46 +183,46 @@ void FieldViewer::deselect() {
 
 void FieldViewer::turn_light(double degrees) {
   LightSetup& setup = state_->setup();
-  attempt([&] { setup.set_turns(setup.turns() + degrees / 360.0); });
+  attempt([&] { setup.set_turns(setup.turns + degrees / 360.0); });
 }
 
 void FieldViewer::add_and_select(PaintedLight::Shape shape) {
   PaintedLight light_source;
   light_source.shape = shape;
   if (shape == PaintedLight::Shape::bar) light_source.size = 0.125;  // the paper's
-  selected = state_->setup().add(light_source);
+  std::vector<PaintedLight>& all = state_->setup().light_sources;
+  selected = all.size();
+  all.push_back(light_source);
 }
 
 void FieldViewer::change_selected(const std::function<void(PaintedLight&)>& change) {
   LightSetup& setup = state_->setup();
-  if (!selected || *selected >= setup.light_sources().size()) return;
-  PaintedLight light_source = setup.light_sources()[*selected];
+  if (!selected || *selected >= setup.light_sources.size()) return;
+  PaintedLight& light_source = setup.light_sources[*selected];
   change(light_source);
   light_source.size = std::clamp(light_source.size, 0.002, 1.0);
   light_source.y = std::clamp(light_source.y, 0.0, 1.0);
-  if (setup.domain().parameterisation != Parameterisation::monitor)
+  if (setup.domain.parameterisation != Parameterisation::monitor)
     light_source.x -= std::floor(light_source.x);
   else
     light_source.x = std::clamp(light_source.x, 0.0, 1.0);
-  setup.change(*selected, light_source);
 }
 
 void FieldViewer::remove_selected() {
-  if (!selected) return;
-  state_->setup().remove(*selected);
+  std::vector<PaintedLight>& all = state_->setup().light_sources;
+  if (selected && *selected < all.size()) all.erase(all.begin() + static_cast<std::ptrdiff_t>(*selected));
   selected.reset();
 }
 
 void FieldViewer::advance(double seconds) {
   constexpr double turns_a_second = 1.0 / 12.0, sweeps_a_second = 0.15;
   LightSetup& setup = state_->setup();
-  if (setup.can_turn()) setup.set_turns(setup.turns() + turns_a_second * seconds);
-  for (std::size_t i = 0; i < setup.light_sources().size(); ++i) {
+  if (setup.can_turn()) setup.set_turns(setup.turns + turns_a_second * seconds);
+  for (std::size_t i = 0; i < setup.light_sources.size(); ++i) {
     if (selected && *selected != i) continue;  // the selected one alone, or all
-    PaintedLight light_source = setup.light_sources()[i];
+    PaintedLight& light_source = setup.light_sources[i];
     light_source.x += sweeps_a_second * seconds * (i % 2 == 0 ? 1.0 : -1.0);
     light_source.x -= std::floor(light_source.x);
-    setup.change(i, light_source);
   }
 }
 
@@ -233,7 +232,7 @@ void FieldViewer::toggle_probing() {
 }
 
 void FieldViewer::probe_at(const Point& texel) {
-  const LightDomain& domain = state_->setup().domain();
+  const LightDomain& domain = state_->setup().domain;
   const int width = std::min(probe_texels_, domain.width), height = std::min(probe_texels_, domain.height);
   const auto start = [](double middle, int length, int all) {
     return std::clamp(static_cast<int>(std::floor(middle - 0.5 * (length - 1))), 0, all - length);
@@ -256,7 +255,7 @@ std::vector<Shortcut> FieldViewer::shortcuts() {
   };
   const auto show = [this](Shown shown) { attempt([&] { state_->show(shown); }); };
   const auto select_next = [this] {
-    const std::size_t count = state_->setup().light_sources().size();
+    const std::size_t count = state_->setup().light_sources.size();
     selected = selected && count > 0 ? (*selected + 1) % count : 0;
     if (count == 0) selected.reset();
   };

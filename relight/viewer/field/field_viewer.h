@@ -80,7 +80,6 @@ class FieldViewer final : public ViewerWindow {
   void probe_at(const Point& texel);
 
   void light_section();
-  void map_section();
   void light_source_section();
   void picture_section();
   void kernel_section();

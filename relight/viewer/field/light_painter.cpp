@@ -231,18 +231,18 @@ void require_proportions(const Image& image, const LightDomain& domain) {
 }
 
 bool has_same_map(const LightSetup& a, const LightSetup& b) {
-  return a.map() == b.map() && a.environment() == b.environment() && a.projector() == b.projector() &&
-         (!a.has_map() || a.turns() == b.turns());
+  return a.map == b.map && a.environment == b.environment && a.projector == b.projector &&
+         (!a.has_map() || a.turns == b.turns);
 }
 
 /// A map of the domain's own kind, turned or slid.
 LightMap turned(const LightSetup& setup) {
-  LightMap map = *setup.map();
-  if (setup.turns() == 0.0) return map;
+  LightMap map = *setup.map;
+  if (setup.turns == 0.0) return map;
   // A monitor's map is shifted in the same way.
   map.parameterisation = Parameterisation::lat_long;
-  LightMap result = rotated(map, setup.turns());
-  result.parameterisation = setup.domain().parameterisation;
+  LightMap result = rotated(map, setup.turns);
+  result.parameterisation = setup.domain.parameterisation;
   return result;
 }
 
@@ -293,46 +293,25 @@ std::optional<Box> united(const std::optional<Box>& a, const std::optional<Box>&
   return Box{std::min(a->x0, b->x0), std::min(a->y0, b->y0), std::max(a->x1, b->x1), std::max(a->y1, b->y1)};
 }
 
-void LightSetup::set_map(std::optional<LightMap> map) {
-  if (map && map->domain() != domain_)
-    throw InputError("a light map of " + shape_text(map->radiance) + " does not fit the field's of " +
-                     std::to_string(domain_.width) + "×" + std::to_string(domain_.height));
-  map_ = map ? std::make_shared<const LightMap>(*std::move(map)) : nullptr;
-  environment_.reset();
-  projector_.reset();
+void LightSetup::set_map(std::optional<LightMap> light) {
+  if (light && light->domain() != domain)
+    throw InputError("a light map of " + shape_text(light->radiance) + " does not fit the field's of " +
+                     std::to_string(domain.width) + "×" + std::to_string(domain.height));
+  map = light ? std::make_shared<const LightMap>(*std::move(light)) : nullptr;
+  environment.reset();
+  projector.reset();
 }
 
-void LightSetup::set_environment(std::shared_ptr<const PreparedEnvironment> environment,
-                                 std::shared_ptr<const EnvironmentProjector> projector) {
-  map_.reset();
-  environment_ = std::move(environment);
-  projector_ = std::move(projector);
-}
-
-void LightSetup::set_turns(double turns) {
-  if (turns == turns_) return;
-  if (domain_.parameterisation == Parameterisation::cube && !environment_)
+void LightSetup::set_turns(double wanted) {
+  if (wanted == turns) return;
+  if (domain.parameterisation == Parameterisation::cube && !environment)
     throw InputError("cube light maps cannot be turned here; turn the panorama that the cube was made of");
-  turns_ = turns - std::floor(turns);
-}
-
-std::size_t LightSetup::add(const PaintedLight& light_source) {
-  light_sources_.push_back(light_source);
-  return light_sources_.size() - 1;
-}
-
-void LightSetup::change(std::size_t number, const PaintedLight& light_source) {
-  if (number < light_sources_.size()) light_sources_[number] = light_source;
-}
-
-void LightSetup::remove(std::size_t number) {
-  if (number < light_sources_.size())
-    light_sources_.erase(light_sources_.begin() + static_cast<std::ptrdiff_t>(number));
+  turns = wanted - std::floor(wanted);
 }
 
 std::optional<std::size_t> LightSetup::light_source_at(double x, double y) const {
-  for (std::size_t i = light_sources_.size(); i-- > 0;)
-    if (is_on_light_source(light_sources_[i], domain_, x, y)) return i;
+  for (std::size_t i = light_sources.size(); i-- > 0;)
+    if (is_on_light_source(light_sources[i], domain, x, y)) return i;
   return std::nullopt;
 }
 
@@ -345,8 +324,8 @@ void LightPainter::turn_map(const LightSetup& setup, const RunContext& run) {
   if (has_same_map(turned_, setup)) return;
   LightMap behind;
   EnvironmentShare share;
-  if (setup.has_environment()) {
-    EnvironmentLight seen = setup.projector()->project(*setup.environment(), setup.turn(), run);
+  if (setup.environment) {
+    EnvironmentLight seen = setup.projector->project(*setup.environment, setup.turn(), run);
     run.throw_if_stopped();  // else it may be incomplete
     behind = std::move(seen.light);
     share = seen.share;
@@ -361,20 +340,20 @@ void LightPainter::turn_map(const LightSetup& setup, const RunContext& run) {
 std::optional<Box> LightPainter::paint(const LightSetup& setup, const RunContext& run) {
   const LightSetup before = setup_;
   // A map may have been turned for a setup that was never painted.
-  const bool is_all_new = !has_same_map(before, setup) || before.ambient() != setup.ambient() ||
-                          (setup.has_map() && before.map_gain() != setup.map_gain()) ||
+  const bool is_all_new = !has_same_map(before, setup) || before.ambient != setup.ambient ||
+                          (setup.has_map() && before.map_gain != setup.map_gain) ||
                           !has_same_map(turned_, before);
   turn_map(setup, run);
   setup_ = setup;
   std::optional<Box> changed;
   if (is_all_new) changed = everything();
-  const std::size_t light_sources = std::max(before.light_sources().size(), setup.light_sources().size());
+  const std::size_t light_sources = std::max(before.light_sources.size(), setup.light_sources.size());
   for (std::size_t i = 0; i < light_sources && !is_all_new; ++i) {
-    const PaintedLight* old = i < before.light_sources().size() ? &before.light_sources()[i] : nullptr;
-    const PaintedLight* now = i < setup.light_sources().size() ? &setup.light_sources()[i] : nullptr;
+    const PaintedLight* old = i < before.light_sources.size() ? &before.light_sources[i] : nullptr;
+    const PaintedLight* now = i < setup.light_sources.size() ? &setup.light_sources[i] : nullptr;
     if (old && now && *old == *now) continue;
     for (const PaintedLight* light_source : {old, now})
-      if (light_source) changed = united(changed, light_source_box(*light_source, setup.domain()));
+      if (light_source) changed = united(changed, light_source_box(*light_source, setup.domain));
   }
   if (changed) compose(*changed);
   return changed;
@@ -387,12 +366,12 @@ void LightPainter::compose(const Box& box) {
                count = static_cast<std::size_t>(box.width()) * 3;
     for (int y = rows.begin(); y != rows.end(); ++y) {
       const auto texels = light_.radiance.row(y).subspan(first, count);
-      std::ranges::fill(texels, static_cast<float>(setup_.ambient()));
+      std::ranges::fill(texels, static_cast<float>(setup_.ambient));
       if (!has_map) continue;
       const auto behind = std::as_const(behind_.radiance).row(y).subspan(first, count);
-      for (std::size_t i = 0; i < count; ++i) texels[i] += static_cast<float>(setup_.map_gain()) * behind[i];
+      for (std::size_t i = 0; i < count; ++i) texels[i] += static_cast<float>(setup_.map_gain) * behind[i];
     }
-    for (const PaintedLight& light_source : setup_.light_sources())
+    for (const PaintedLight& light_source : setup_.light_sources)
       add_light_source(light_source, {box.x0, rows.begin(), box.x1, rows.end()}, light_);
   });
 }

@@ -84,62 +84,34 @@ std::optional<Box> united(const std::optional<Box>& a, const std::optional<Box>&
 
 /// What a light map is made of: ambient light, a loaded map behind, light sources in front. A value: cheap to
 /// change, to copy (maps are shared) and to compare; LightPainter makes the texels.
-class LightSetup {
- public:
-  explicit LightSetup(const LightDomain& domain) : domain_(domain) {}
+struct LightSetup {
+  explicit LightSetup(const LightDomain& of) : domain(of) {}
 
-  const LightDomain& domain() const { return domain_; }
-
-  /// Radiance of every texel, beside all else.
-  double ambient() const { return ambient_; }
-  void set_ambient(double radiance) { ambient_ = radiance; }
-
-  /// The map behind the light sources; none at first. Throws InputError when it does not fit the domain.
-  void set_map(std::optional<LightMap> map);
-  bool has_map() const { return map_ || environment_; }
-  const std::shared_ptr<const LightMap>& map() const { return map_; }
-  /// An environment behind the light sources instead, of any size, as `projector` puts it onto this light
-  /// map.
-  void set_environment(std::shared_ptr<const PreparedEnvironment> environment,
-                       std::shared_ptr<const EnvironmentProjector> projector);
-  bool has_environment() const { return environment_ != nullptr; }
-  const std::shared_ptr<const PreparedEnvironment>& environment() const { return environment_; }
-  const std::shared_ptr<const EnvironmentProjector>& projector() const { return projector_; }
-  /// How the environment is turned.
-  EulerAngles turn() const { return {.yaw = 360.0 * turns_}; }
-  /// A factor on the map.
-  double map_gain() const { return map_gain_; }
-  void set_map_gain(double gain) { map_gain_ = gain; }
+  LightDomain domain;
+  double ambient = 0.0;  ///< radiance of every texel, beside all else
+  /// The map behind the light sources, of the domain; or an environment instead, of any size, as `projector`
+  /// puts it onto this light map.
+  std::shared_ptr<const LightMap> map = nullptr;
+  std::shared_ptr<const PreparedEnvironment> environment = nullptr;
+  std::shared_ptr<const EnvironmentProjector> projector = nullptr;
+  double map_gain = 1.0;  ///< a factor on the map
   /// The map turned about the vertical axis, 1 = full circle, content moving to the right. A monitor's own
-  /// map slides sideways instead, and what leaves on the right enters on the left. Throws InputError for a
-  /// cube's own map.
-  double turns() const { return turns_; }
-  bool can_turn() const {
-    return environment_ || (map_ && domain_.parameterisation != Parameterisation::cube);
-  }
-  void set_turns(double turns);
+  /// map slides sideways instead, and what leaves on the right enters on the left.
+  double turns = 0.0;
+  std::vector<PaintedLight> light_sources{};
 
-  const std::vector<PaintedLight>& light_sources() const { return light_sources_; }
-  /// Returns the new light source's number, the highest.
-  std::size_t add(const PaintedLight& light_source);
-  /// Numbers that no light source has are ignored by these two.
-  void change(std::size_t number, const PaintedLight& light_source);
-  void remove(std::size_t number);
-  void remove_all() { light_sources_.clear(); }
+  bool has_map() const { return map || environment; }
+  /// Replaces the map and the environment. Throws InputError when it does not fit the domain.
+  void set_map(std::optional<LightMap> light);
+  /// How the environment is turned.
+  EulerAngles turn() const { return {.yaw = 360.0 * turns}; }
+  bool can_turn() const { return environment || (map && domain.parameterisation != Parameterisation::cube); }
+  /// Throws InputError for a cube's own map.
+  void set_turns(double wanted);
   /// The light source at a point, in fractions of width and height; of several the one added last.
   std::optional<std::size_t> light_source_at(double x, double y) const;
 
   bool operator==(const LightSetup&) const = default;
-
- private:
-  LightDomain domain_;
-  double ambient_ = 0.0;
-  std::shared_ptr<const LightMap> map_;
-  std::shared_ptr<const PreparedEnvironment> environment_;
-  std::shared_ptr<const EnvironmentProjector> projector_;  // of the environment
-  double map_gain_ = 1.0;
-  double turns_ = 0.0;
-  std::vector<PaintedLight> light_sources_;
 };
 
 /// Paints setups onto a light map, one after another; each costs what differs from the one before. Texels are
@@ -160,7 +132,7 @@ class LightPainter {
   std::optional<Box> paint(const LightSetup& setup, const RunContext& run = {});
 
  private:
-  Box everything() const { return {0, 0, setup_.domain().width, setup_.domain().height}; }
+  Box everything() const { return {0, 0, setup_.domain.width, setup_.domain.height}; }
   void compose(const Box& box);
 
   LightMap light_;

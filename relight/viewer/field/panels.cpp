@@ -109,19 +109,18 @@ void FieldViewer::light_section() {
   ImGui::SameLine();
   if (button("Move", is_playing)) is_playing = !is_playing;
   label("Ambient");
-  auto ambient = static_cast<float>(setup.ambient());
+  auto ambient = static_cast<float>(setup.ambient);
   if (ImGui::SliderFloat("##ambient", &ambient, 0.0f, 1.0f, "%.3f", ImGuiSliderFlags_Logarithmic))
-    setup.set_ambient(ambient);
+    setup.ambient = ambient;
   if (setup.has_map()) {
-    double gain = setup.map_gain();
-    if (stops_slider("Map", "##gain", gain, -8.0f, 8.0f)) setup.set_map_gain(gain);
-    const bool slides =
-        setup.domain().parameterisation == Parameterisation::monitor && !setup.has_environment();
+    double gain = setup.map_gain;
+    if (stops_slider("Map", "##gain", gain, -8.0f, 8.0f)) setup.map_gain = gain;
+    const bool slides = setup.domain.parameterisation == Parameterisation::monitor && !setup.environment;
     label(slides ? "Slide" : "Turn");
-    auto degrees = static_cast<float>(360.0 * setup.turns());
+    auto degrees = static_cast<float>(360.0 * setup.turns);
     if (ImGui::SliderFloat("##turn", &degrees, 0.0f, 360.0f, "%.0f°"))
-      turn_light(degrees - 360.0 * setup.turns());
-    if (setup.has_environment() && setup.domain().parameterisation == Parameterisation::monitor)
+      turn_light(degrees - 360.0 * setup.turns);
+    if (setup.environment && setup.domain.parameterisation == Parameterisation::monitor)
       ImGui::TextDisabled("%s, %.1f %% of its light", light_name_.c_str(), 100.0 * state_->share().energy);
     else
       ImGui::TextDisabled("%s", light_name_.c_str());
@@ -138,8 +137,8 @@ void FieldViewer::light_section() {
 }
 
 void FieldViewer::light_source_section() {
-  if (!selected || *selected >= state_->setup().light_sources().size()) return;
-  const PaintedLight light_source = state_->setup().light_sources()[*selected];
+  if (!selected || *selected >= state_->setup().light_sources.size()) return;
+  const PaintedLight light_source = state_->setup().light_sources[*selected];
   heading(light_source.shape == PaintedLight::Shape::bar ? "BAR" : "SPOT");
   std::array<float, 3> encoded;
   for (int c = 0; c < 3; ++c) encoded[c] = srgb_from_linear(light_source.colour[c]);
@@ -383,7 +382,7 @@ void FieldViewer::draw_light_panel(const Area& area) {
   list.PushClipRect(corner, far_corner, true);
   const bool shows_kernels = shows_kernels_ && state_->picked();
   if (shows_kernels) draw_kernels();
-  const auto& light_sources = state_->setup().light_sources();
+  const auto& light_sources = state_->setup().light_sources;
   for (std::size_t i = 0; i < light_sources.size(); ++i)
     if (!shows_kernels || selected == i) draw_light_source(light_sources[i], selected == i);
   draw_probe();

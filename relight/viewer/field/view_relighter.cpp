@@ -73,8 +73,8 @@ ViewRelighter::ViewRelighter(std::shared_ptr<FieldPixels> pixels, const RunConte
       pixels_(std::move(pixels)),
       painter_(pixels_->relighter.domain()),
       relit_by_{LightSetup(pixels_->relighter.domain()), std::nullopt, pixels_},
-      probe_light_{Image(relit_by_.setup.domain().width, relit_by_.setup.domain().height, 3),
-                   relit_by_.setup.domain().parameterisation} {
+      probe_light_{Image(relit_by_.setup.domain.width, relit_by_.setup.domain.height, 3),
+                   relit_by_.setup.domain.parameterisation} {
   const TileRelighter& relighter = pixels_->relighter;
   auto boxes = relighter.box_projector();
   if (!boxes || !panorama_.is_cube()) return;
@@ -88,23 +88,23 @@ ViewRelighter::ViewRelighter(std::shared_ptr<FieldPixels> pixels, const RunConte
 }
 
 bool ViewRelighter::is_summed(const LightSetup& setup) const {
-  return summed_ && setup.has_environment() && setup.environment()->has_path_sums();
+  return summed_ && setup.environment && setup.environment->has_path_sums();
 }
 
 /// Returns how long relighting took, in milliseconds.
 double ViewRelighter::sum_environment(const LightSetup& setup) {
   SummedEnvironment& summed = *summed_;
-  const bool is_same = summed.of && summed.of->environment() == setup.environment();
-  if (is_same && summed.of->turns() == setup.turns()) return 0.0;
+  const bool is_same = summed.of && summed.of->environment == setup.environment;
+  if (is_same && summed.of->turns == setup.turns) return 0.0;
   if (!is_same) {
     summed.of.reset();
-    summed.straight = summed.shown.project(*setup.environment(), {}, run_).light;
+    summed.straight = summed.shown.project(*setup.environment, {}, run_).light;
   }
-  const std::vector<float> sums = summed.boxes.project(*setup.environment(), setup.turn(), run_);
+  const std::vector<float> sums = summed.boxes.project(*setup.environment, setup.turn(), run_);
   run_.throw_if_stopped();  // else they may be incomplete
   double relight_ms = 0.0;
   run_uncancelled([&] {
-    summed.panorama = rotated(summed.straight, setup.turns()).radiance;
+    summed.panorama = rotated(summed.straight, setup.turns).radiance;
     const auto start = Clock::now();
     summed.outputs = summed.relighter.relight(sums);
     relight_ms = 1e3 * seconds_since(start);
@@ -129,7 +129,7 @@ FrameTime ViewRelighter::relight(const ViewLight& wanted) {
     painter_.turn_map(painted, run_);
   }
   run_uncancelled([&] {
-    is_dark_ = has_summed && painted.ambient() == 0.0 && painted.light_sources().empty();
+    is_dark_ = has_summed && painted.ambient == 0.0 && painted.light_sources.empty();
     std::optional<Box> changed;
     if (!is_dark_) changed = painter_.paint(painted, run_);
     changed_ = united(changed_, changed);
@@ -180,7 +180,7 @@ bool ViewRelighter::show(RelitField& shown) {
   shown.share = painter_.share();
   if (is_summed(relit_by_.setup) && !relit_by_.probe) {
     shown.share = {};
-    add_image(relit_by_.setup.map_gain(), summed_->outputs, shown.outputs);
+    add_image(relit_by_.setup.map_gain, summed_->outputs, shown.outputs);
   }
   return show_light(shown.light);
 }
@@ -193,7 +193,7 @@ bool ViewRelighter::show_light(Image& shown) {
   showed_summed_ = has_summed;
   if (panorama_.is_cube()) {
     shown = is_dark_ ? Image(panorama_.shown().width, panorama_.shown().height, 3) : panorama_.show(light);
-    if (has_summed) add_image(relit_by_.setup.map_gain(), summed_->panorama, shown);
+    if (has_summed) add_image(relit_by_.setup.map_gain, summed_->panorama, shown);
   } else if (!shown.same_shape(light)) {
     shown = light;
   } else {
@@ -210,8 +210,7 @@ LightMap ViewRelighter::light() const {
   if (is_dark_) std::ranges::fill(light.radiance.values, 0.0f);
   const LightSetup& setup = relit_by_.setup;
   if (is_summed(setup))
-    add_image(setup.map_gain(),
-              setup.projector()->project(*setup.environment(), setup.turn(), run_).light.radiance,
+    add_image(setup.map_gain, setup.projector->project(*setup.environment, setup.turn(), run_).light.radiance,
               light.radiance);
   return light;
 }

@@ -36,10 +36,12 @@ void ViewState::look_at(const std::optional<VisibleRegion>& visible) {
 }
 
 void ViewState::reset_light_sources() {
-  setup().remove_all();
-  setup().set_ambient(0.03);
-  setup().add({PaintedLight::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
-  setup().add({PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
+  setup().light_sources.clear();
+  setup().ambient = 0.03;
+  setup().light_sources.push_back(
+      {PaintedLight::Shape::spot, 0.3, 0.35, 0.2, {1.0f, 0.72f, 0.42f}, 1.0, true});
+  setup().light_sources.push_back(
+      {PaintedLight::Shape::spot, 0.75, 0.6, 0.14, {0.3f, 0.55f, 1.0f}, 1.0, true});
 }
 
 void ViewState::set_light_exposure(double exposure) {
@@ -73,7 +75,7 @@ void ViewState::expose_if_current() {
 }
 
 void ViewState::probe(std::optional<Box> part) {
-  if (part && !part->inside(setup().domain().width, setup().domain().height)) part.reset();
+  if (part && !part->inside(setup().domain.width, setup().domain.height)) part.reset();
   if (part == probed()) return;
   const bool begins = part && !probed();
   wanted_.probe = part;

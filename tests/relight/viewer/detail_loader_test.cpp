@@ -101,9 +101,9 @@ TEST_F(LargeField, IsRelitWhereItIsSeen) {
   const PixelGrid detail{{360, 270, 760, 570}, 1};
   EXPECT_EQ(state.grid(), detail);
   expect_pixels(state.radiance(), detail, state.light());
-  PaintedLight moved = state.setup().light_sources()[0];
+  PaintedLight moved = state.setup().light_sources[0];
   moved.x = 0.6;
-  state.setup().change(0, moved);
+  state.setup().light_sources[0] = moved;
   look();
   expect_pixels(state.radiance(), detail, state.light());
 

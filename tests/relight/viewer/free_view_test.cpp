@@ -109,9 +109,9 @@ TEST_F(MeshInTheViewer, ShowsWhatTheCameraSees) {
   EXPECT_EQ(state_.picture().size(), 4u * 160 * 120);
   state_.view()->move().orbit(70.0, 20.0);
   expect_picture();
-  PaintedLight light_source = state_.setup().light_sources()[0];
+  PaintedLight light_source = state_.setup().light_sources[0];
   light_source.x = 0.9;
-  state_.setup().change(0, light_source);
+  state_.setup().light_sources[0] = light_source;
   expect_picture();
   EXPECT_EQ(state_.light_picture().size(),
             4u * state_.panorama().shown().width * state_.panorama().shown().height);
@@ -127,17 +127,18 @@ TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
   const auto projector =
       std::make_shared<const EnvironmentProjector>(field_.basis.domain, std::span<const MonitorPlacement>());
   LightSetup& setup = state_.setup();
-  setup.set_environment(environment, projector);
+  setup.environment = environment;
+  setup.projector = projector;
   expect_picture();  // with the light sources of the start
   setup.set_turns(0.3);
   expect_picture();
-  PaintedLight light_source = setup.light_sources()[0];
+  PaintedLight light_source = setup.light_sources[0];
   light_source.x = 0.8;
-  setup.change(0, light_source);
+  setup.light_sources[0] = light_source;
   expect_picture();
-  setup.remove_all();
-  setup.set_ambient(0.0);
-  setup.set_map_gain(2.0);
+  setup.light_sources.clear();
+  setup.ambient = 0.0;
+  setup.map_gain = 2.0;
   expect_picture();  // alone
   EXPECT_EQ(state_.share().energy, 1.0);
   const LightMap seen = projector->project(*environment, setup.turn()).light;
@@ -148,7 +149,7 @@ TEST_F(MeshInTheViewer, AnEnvironmentNeedsNoLightMap) {
   state_.probe(std::nullopt);
   setup.set_turns(0.7);
   expect_picture();
-  setup.add(light_source);
+  setup.light_sources.push_back(light_source);
   expect_picture();
   setup.set_map(std::nullopt);
   expect_picture();  // the light source alone

@@ -131,13 +131,13 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
   for (const LightDomain& domain : {monitor, sphere, cube_domain(12)}) {
     LightSetup setup(domain);
     LightPainter painter(domain);
-    setup.set_ambient(0.1);
+    setup.ambient = 0.1;
     setup.set_map(test::random_light(rng, domain));
-    for (int i = 0; i < 3; ++i) setup.add(random_light_source(rng));
+    for (int i = 0; i < 3; ++i) setup.light_sources.push_back(random_light_source(rng));
     painter.paint(setup);
     for (int i = 0; i < 100; ++i) {
       const LightMap before = painter.light();
-      setup.change(rng.below(3), random_light_source(rng));
+      setup.light_sources[rng.below(3)] = random_light_source(rng);
       const auto changed = painter.paint(setup);
       ASSERT_TRUE(changed);
       ASSERT_FALSE(painter.paint(setup));
@@ -149,10 +149,10 @@ TEST(LightPainter, ChangesOnlyWhatItSays) {
           }
     }
     // Light sources that come and go, too; as if it had been painted so at once.
-    setup.remove(1);
+    setup.light_sources.erase(setup.light_sources.begin() + 1);
     painter.paint(setup);
-    setup.add(random_light_source(rng));
-    setup.set_ambient(0.0);
+    setup.light_sources.push_back(random_light_source(rng));
+    setup.ambient = 0.0;
     setup.set_map(std::nullopt);
     painter.paint(setup);
     LightPainter anew(domain);
@@ -168,7 +168,8 @@ TEST(LightPainter, EnvironmentsAreSeenThroughAMonitorsWindow) {
   const auto projector = std::make_shared<const EnvironmentProjector>(monitor, std::span(&placement, 1));
   LightSetup setup(monitor);
   LightPainter painter(monitor);
-  setup.set_environment(std::make_shared<const PreparedEnvironment>(environment), projector);
+  setup.environment = std::make_shared<const PreparedEnvironment>(environment);
+  setup.projector = projector;
   for (const double turns : {0.0, 0.25, 0.0}) {
     setup.set_turns(turns);
     painter.paint(setup);
@@ -190,7 +191,7 @@ TEST(LightPainter, TurnsItsMapAndFindsItsPaintedLights) {
   const LightMap map = test::random_light(rng, sphere);
   setup.set_map(map);
   setup.set_turns(1.25);
-  EXPECT_NEAR(setup.turns(), 0.25, 1e-12);
+  EXPECT_NEAR(setup.turns, 0.25, 1e-12);
   painter.paint(setup);
   EXPECT_EQ(painter.light().radiance.values, rotated(map, 0.25).radiance.values);
   setup.set_turns(0.0);
@@ -199,10 +200,10 @@ TEST(LightPainter, TurnsItsMapAndFindsItsPaintedLights) {
   PaintedLight low, high;
   low.x = 0.3;
   high.x = 0.32;
-  setup.add(low);
-  setup.add(high);
+  setup.light_sources.push_back(low);
+  setup.light_sources.push_back(high);
   EXPECT_EQ(setup.light_source_at(0.31, 0.5), 1U);
-  setup.remove(1);
+  setup.light_sources.erase(setup.light_sources.begin() + 1);
   EXPECT_EQ(setup.light_source_at(0.31, 0.5), 0U);
   EXPECT_FALSE(setup.light_source_at(0.9, 0.5));
   EXPECT_THROW(setup.set_map(test::random_light(rng, monitor)), std::exception);
@@ -220,9 +221,9 @@ TEST(LightPainter, ForgetsMapsThatWereTurnedInVain) {
   const std::vector<float> expected = painter.light().radiance.values;
   painter.turn_map(other);
   PaintedLight light_source;
-  setup.add(light_source);
+  setup.light_sources.push_back(light_source);
   painter.paint(setup);
-  setup.remove_all();
+  setup.light_sources.clear();
   painter.paint(setup);
   EXPECT_EQ(painter.light().radiance.values, expected);
 }

@@ -56,7 +56,7 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
   const auto first = state_.refresh();
   EXPECT_TRUE(first.picture && first.light);
   expect_painted_light();
-  EXPECT_EQ(state_.setup().light_sources().size(), 2U);
+  EXPECT_EQ(state_.setup().light_sources.size(), 2U);
   const auto white = std::ranges::count_if(state_.picture(), [](std::uint8_t level) { return level == 255; });
   EXPECT_GT(white, 600);        // each pixel's alpha, and some of it
   EXPECT_LT(white, 600 + 200);  // but not much
@@ -65,11 +65,11 @@ TEST_F(ViewStateTest, StartsLitAndExposed) {
 }
 
 TEST_F(ViewStateTest, FollowsTheLight) {
-  PaintedLight light_source = state_.setup().light_sources()[0];
+  PaintedLight light_source = state_.setup().light_sources[0];
   for (int i = 0; i < 40; ++i) {
     light_source.x = rng_.uniform();
     light_source.y = rng_.uniform();
-    state_.setup().change(0, light_source);
+    state_.setup().light_sources[0] = light_source;
     const auto done = state_.refresh();
     EXPECT_TRUE(done.picture && done.light);
     expect_painted_light();
@@ -98,9 +98,9 @@ TEST_F(ViewStateTest, ProbeIsAColumnOfTheTransfer) {
       state_.probe(box);
       expect_relit(alone(box));
     }
-    PaintedLight light_source = state_.setup().light_sources()[1];
+    PaintedLight light_source = state_.setup().light_sources[1];
     light_source.x = rng_.uniform();
-    state_.setup().change(1, light_source);  // meanwhile
+    state_.setup().light_sources[1] = light_source;  // meanwhile
     state_.refresh();
     state_.probe(std::nullopt);
     expect_painted_light();
@@ -154,7 +154,7 @@ TEST_F(ViewStateTest, ShowsErrorsAndFalseColours) {
   for (const std::size_t pixel : {0U, 100U, 300U, 599U})
     for (int c = 0; c < 3; ++c) EXPECT_NEAR(state_.picture()[4 * pixel + c], expected(pixel, c), 2);
   // The light does not change this picture.
-  state_.setup().set_ambient(0.5);
+  state_.setup().ambient = 0.5;
   EXPECT_FALSE(state_.refresh().picture);
   state_.show(Shown::false_colour);
   EXPECT_TRUE(state_.refresh().picture);
@@ -170,9 +170,10 @@ class ViewStateUnderAnEnvironment : public testing::Test {
   static constexpr std::chrono::milliseconds frame{5};
 
   ViewStateUnderAnEnvironment() {
-    state_.setup().remove_all();
-    state_.setup().set_ambient(0.0);
-    state_.setup().set_environment(std::make_shared<const PreparedEnvironment>(environment_), projector_);
+    state_.setup().light_sources.clear();
+    state_.setup().ambient = 0.0;
+    state_.setup().environment = std::make_shared<const PreparedEnvironment>(environment_);
+    state_.setup().projector = projector_;
     state_.refresh();
   }
   LightMap light_at(double turns) {
@@ -219,7 +220,7 @@ TEST_F(ViewStateUnderAnEnvironment, ClosingDoesNotWaitForTheProjection) {
 TEST_F(ViewStateUnderAnEnvironment, ExposureFollowsThePictureThatIsMade) {
   state_.expose_picture();
   const double before = state_.tone().exposure;
-  state_.setup().set_map_gain(8.0);
+  state_.setup().map_gain = 8.0;
   state_.expose_picture();  // of a picture that is not there yet
   state_.refresh();
   EXPECT_NEAR(state_.tone().exposure, before / 8.0, 1e-3 * before);
