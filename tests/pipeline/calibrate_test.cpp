@@ -52,7 +52,7 @@ class CalibrateProgram : public testing::Test {
   }
   std::string log() { return read_text(folder_ / "log"); }
 
-  TemporaryFolder folder_;
+  test::TemporaryFolder folder_;
 };
 
 TEST_F(CalibrateProgram, ACaptureWithTheMeasuredCalibrationAgreesWithOneThatKnowsTheTruth) {

@@ -18,7 +18,7 @@ namespace {
 using namespace test;
 
 TEST(AcquireProgram, ReferenceFramesTellTheDriftAndSurviveAKill) {
-  const TemporaryFolder folder;
+  const test::TemporaryFolder folder;
   std::string recipe = tiny_recipe;
   const std::string monitor = "[monitor]\n";
   recipe.insert(recipe.find(monitor) + monitor.size(), "drift = [-0.05, 0.03, 0.0]\n");
@@ -57,7 +57,7 @@ TEST(AcquireProgram, ReferenceFramesTellTheDriftAndSurviveAKill) {
 }
 
 TEST(AcquireProgram, PrimariesAreNoOutliersAmongFewPatterns) {
-  const TemporaryFolder folder;
+  const test::TemporaryFolder folder;
   std::string recipe = tiny_recipe;
   recipe.replace(recipe.find("seed = 5"), 8, "seed = 1");
   recipe.replace(recipe.find("train = 10"), 10, "train = 24");

@@ -43,7 +43,7 @@ class Jobs : public testing::Test {
   }
   std::string log() const { return read_text(log_); }
 
-  TemporaryFolder folder_;
+  test::TemporaryFolder folder_;
   const std::filesystem::path log_ = folder_ / "log";
 };
 
@@ -259,7 +259,7 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
        {Case{"lights", 8, 40, 320, 240, 30, true}, Case{"photographs", 1500, 64, 16, 12, 50, true},
         Case{"fits", 12, 12, 32, 24, 500, false}}) {
     SCOPED_TRACE(c.name);
-    const TemporaryFolder folder;
+    const test::TemporaryFolder folder;
     const auto lights = random_lights(c.images, c.light_width, c.light_height, 5);
     // What is different in every pixel fills the caches of the fits.
     Rng rng(3);
@@ -296,7 +296,7 @@ TEST(Memory, StaysWithinWhatWasForeseen) {
 // Beside the full field, pack holds one packed field and what some rows of tiles need, for a picture of any
 // height.
 TEST(Memory, OfPackIsThatOfTheFieldAndOfItsTiles) {
-  const TemporaryFolder folder;
+  const test::TemporaryFolder folder;
   Rng rng(8);
   write_reflectance_field(folder / "full.rfield", random_field(rng, 200, 8000, {32, 24}, 500, 20));
   const auto log = folder / "log";

@@ -35,7 +35,7 @@ class CaptureProgram : public ::testing::Test {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return arguments;
   }
-  TemporaryFolder folder;
+  test::TemporaryFolder folder;
   fs::path log = folder / "log";
   long steps = 0;  // on disk, of a whole capture
 };

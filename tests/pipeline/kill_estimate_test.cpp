@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 using namespace test;
 
 TEST(EstimateProgram, KilledAtTenStepsItEndsInTheSameBytes) {
-  const TemporaryFolder folder;
+  const test::TemporaryFolder folder;
   const auto lights = random_lights(50, 24, 18, 7);
   write_capture(folder / "session",
                 field_of_boxes(20, 40, lights[0].domain(), {{0, 0, 12, 9}, {8, 6, 20, 11}, {5, 3, 7, 5}}, 2),

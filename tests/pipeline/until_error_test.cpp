@@ -21,7 +21,7 @@ constexpr int planned = 40, primaries = 3;
 class UntilError : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    folder_ = new TemporaryFolder;
+    folder_ = new test::TemporaryFolder;
     std::string recipe = tiny_recipe;
     recipe.replace(recipe.find("train = 10"), 10, "train = " + std::to_string(planned));
     write_text_atomically(*folder_ / "recipe.toml", recipe);
@@ -44,9 +44,9 @@ class UntilError : public testing::Test {
     return names;
   }
 
-  static TemporaryFolder* folder_;
+  static test::TemporaryFolder* folder_;
 };
-TemporaryFolder* UntilError::folder_ = nullptr;
+test::TemporaryFolder* UntilError::folder_ = nullptr;
 
 TEST_F(UntilError, StopsWhenReachedAndKeepsHeldOutFrames) {
   ASSERT_EQ(acquire("easy", {"--until-error", "50%", "--min-images", "12"}), 0) << log();
