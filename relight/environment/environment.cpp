@@ -139,35 +139,17 @@ const float* EnvironmentProjector::solid_angles_of(int y) const {
 
 namespace {
 
-/// A point on an environment map's sphere, and the texel it lies in.
-struct MapPoint {
-  Eigen::Vector3d direction;
-  SourceTexel texel;
-};
-
-/// `direction`, of any length, in the axes of the environment.
-MapPoint map_point(const PreparedEnvironment& environment, Eigen::Vector3d direction,
-                   const SourceTexel& near) {
-  direction *= 1.0 / direction.norm();
-  PreparedEnvironment::leave_pole(direction);
-  return {direction, environment.texel_at(direction, near)};
-}
-
-PathSums along(const PreparedEnvironment& environment, const MapPoint& a, const MapPoint& b) {
-  return environment.along(a.direction, a.texel, b.direction, b.texel);
-}
-
 /// The integral over a polygon that goes around clockwise, as texels do.
-void integrate(const PreparedEnvironment& environment, const Eigen::Matrix3d& environment_from_scene,
-               const SphericalPolygon& polygon, double light[3]) {
+Eigen::Vector3d integral(const PreparedEnvironment& environment,
+                         const Eigen::Matrix3d& environment_from_scene, const SphericalPolygon& polygon) {
   std::vector<MapPoint> corners;
   for (const Eigen::Vector3d& corner : polygon)
-    corners.push_back(map_point(environment, environment_from_scene * corner,
-                                corners.empty() ? SourceTexel{} : corners.back().texel));
+    corners.push_back(environment.point(environment_from_scene * corner,
+                                        corners.empty() ? SourceTexel{} : corners.back().texel));
   PathSums around;
   for (std::size_t i = 0; i < corners.size(); ++i)
-    around -= along(environment, corners[i], corners[(i + 1) % corners.size()]);
-  environment.enclosed(around, light);
+    around -= environment.along(corners[i], corners[(i + 1) % corners.size()]);
+  return environment.enclosed(around);
 }
 
 /// The corners of a light map's texels: of a plane patch, or of a whole lat-long map.
@@ -269,7 +251,7 @@ class CornerLine {
     TexelBounds bounds = environment_.bounds_of(texel, grid_.shrink());
     std::size_t i = count_inside(line_, 0, count_, bounds, inside_.data());
     while (i < count_) {
-      points_[i] = map_point(environment_, direction(i), texel);
+      points_[i] = environment_.point(direction(i), texel);
       has_point_[i] = 1;
       texel = points_[i].texel;
       if (i == 0) first_ = texel;
@@ -289,7 +271,7 @@ class CornerLine {
     if (has_point_[i] == 0) {
       has_point_[i] = 1;
       const int number = inside_[i] < 0 ? ~inside_[i] : inside_[i], width = environment_.map().radiance.width;
-      points_[i] = map_point(environment_, direction(i), {number % width, number / width});
+      points_[i] = environment_.point(direction(i), {number % width, number / width});
     }
     return points_[i];
   }
@@ -298,8 +280,7 @@ class CornerLine {
   void add_edge(std::size_t i, PathBatch<PathSums>& batch) {
     if (has_sums_[i] != 0) return;
     has_sums_[i] = 1;
-    const MapPoint &from = point(i), &to = point(i + 1);
-    batch.add(from.direction, from.texel, to.direction, to.texel, sums_[i]);
+    batch.add(point(i), point(i + 1), sums_[i]);
   }
   /// The sums that add_edge() requested; valid once the batch is flushed.
   const PathSums& edge(std::size_t i) const { return sums_[i]; }
@@ -365,7 +346,7 @@ class TexelRows {
   }
   /// Radiance of the row's texel `x` where it is constant; else nullptr, and the integral over the texel in
   /// `light`.
-  const float* texel(int x, double light[3]) const {
+  const float* texel(int x, Eigen::Vector3d& light) const {
     const auto at = static_cast<std::size_t>(x);
     if (mixed_[at] == 0)
       return environment_.map().radiance.values.data() + std::ptrdiff_t{3} * above_->inside(at * edges_);
@@ -375,7 +356,7 @@ class TexelRows {
       around += below_->edge(i);
       around -= above_->edge(i);
     }
-    environment_.enclosed(around, light);
+    light = environment_.enclosed(around);
     return nullptr;
   }
 
@@ -401,8 +382,7 @@ class TexelRows {
 
   /// Asks for the sums down the left edge of texel `x`.
   void add_side(std::size_t x) {
-    const MapPoint &from = above_->point(x * edges_), &to = below_->point(x * edges_);
-    batch_.add(from.direction, from.texel, to.direction, to.texel, sides_[x]);
+    batch_.add(above_->point(x * edges_), below_->point(x * edges_), sides_[x]);
   }
 
   const PreparedEnvironment& environment_;
@@ -467,10 +447,10 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
     for (int y = begin; y < end; ++y) {
       rows.advance();
       float* out = result.light.radiance.row(first_row + y).data();
-      double of_row[3] = {0.0, 0.0, 0.0};
+      Eigen::Vector3d of_row = Eigen::Vector3d::Zero();
       const float* angles = solid_angles_of(first_row + y);
       for (int x = 0; x < domain.width; ++x, out += 3) {
-        double light[3] = {};
+        Eigen::Vector3d light = Eigen::Vector3d::Zero();
         double angle = is_lat_long ? angles[0] : angles[x];
         const float* constant = rows.texel(x, light);
         if (constant && window_shares_.empty()) {
@@ -489,14 +469,11 @@ EnvironmentLight EnvironmentProjector::project(const PreparedEnvironment& enviro
           const float share = window_shares_[static_cast<std::size_t>(first_row + y) *
                                                  static_cast<std::size_t>(domain.width) +
                                              static_cast<std::size_t>(x)];
-          for (double& channel : light) channel *= share;
+          light *= share;
           if (shared != shared_texels_.end() && shared->y == first_row + y && shared->x == x) {
-            std::ranges::fill(light, 0.0);
-            for (const SeenPart& part : shared->parts) {
-              double of_part[3];
-              integrate(environment, environment_from_scene, part.outline, of_part);
-              for (int c = 0; c < 3; ++c) light[c] += of_part[c] / part.windows;
-            }
+            light.setZero();
+            for (const SeenPart& part : shared->parts)
+              light += integral(environment, environment_from_scene, part.outline) / part.windows;
             ++shared;
           }
         }
@@ -604,15 +581,14 @@ void BoxProjector::Edges::sum_around(const PreparedEnvironment& environment,
       const Eigen::Matrix3d axes = environment_from_scene * cube_face_axes(line.face).transpose();
       const auto point = [&](std::size_t stop, const SourceTexel& near) {
         const double edge = 2.0 * line.edge / resolution_ - 1.0, at = 2.0 * stops_[stop] / resolution_ - 1.0;
-        return map_point(
-            environment,
+        return environment.point(
             axes * (line.is_column ? Eigen::Vector3d(edge, -at, 1.0) : Eigen::Vector3d(at, -edge, 1.0)),
             near);
       };
       MapPoint before = point(line.first, {});
       for (std::size_t stop = line.first + 1; stop < line.last; ++stop) {
         const MapPoint next = point(stop, before.texel);
-        batch.add(before.direction, before.texel, next.direction, next.texel, up_to[stop]);
+        batch.add(before, next, up_to[stop]);
         before = next;
       }
     }
@@ -676,16 +652,13 @@ std::vector<float> BoxProjector::project(const PreparedEnvironment& environment,
           }
         });
   }
-  std::vector<double> of_boxes(edges_.boxes() * 3, 0.0);
+  std::vector<Eigen::Vector3d> of_boxes(edges_.boxes(), Eigen::Vector3d::Zero());
   edges_.sum_around<PathSums>(
       environment, environment_from_scene, run, [&] { return PathBatch<PathSums>(environment); },
-      [&](std::size_t box, const PathSums& around) {
-        double light[3];
-        environment.enclosed(around, light);
-        for (std::size_t c = 0; c < 3; ++c) of_boxes[3 * box + c] += light[c];
-      });
-  std::ranges::transform(of_boxes, sums.begin() + static_cast<std::ptrdiff_t>(3 * vector_boxes_.size()),
-                         [](double sum) { return static_cast<float>(sum); });
+      [&](std::size_t box, const PathSums& around) { of_boxes[box] += environment.enclosed(around); });
+  for (std::size_t i = 0; i < 3 * of_boxes.size(); ++i)
+    sums[3 * vector_boxes_.size() + i] =
+        static_cast<float>(of_boxes[i / 3][static_cast<Eigen::Index>(i % 3)]);
   return sums;
 }
 

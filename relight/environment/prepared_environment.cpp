@@ -169,6 +169,14 @@ void PreparedEnvironment::prepare_lat_long(const RunContext& run) {
   for (std::size_t i = 0; i < values; ++i) total_[i % 3] += 2.0 * pi / width * sums[i];
 }
 
+MapPoint PreparedEnvironment::point(Vector3d direction, const SourceTexel& near) const {
+  constexpr double from_pole = 1e-12;
+  direction *= 1.0 / direction.norm();
+  if (direction.x() * direction.x() + direction.z() * direction.z() < from_pole * from_pole)
+    direction.x() = from_pole;
+  return {direction, texel_at(direction, near)};
+}
+
 SourceTexel PreparedEnvironment::texel_at(const Vector3d& direction, const SourceTexel& near) const {
   constexpr int max_steps = 4;
   const int width = map_->radiance.width, height = map_->radiance.height;
@@ -238,8 +246,9 @@ void PreparedEnvironment::add_measured(double azimuth, double above, std::int32_
 }
 
 template <class Visit>
-void PreparedEnvironment::walk(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                               const SourceTexel& at_b, const Visit& visit) const {
+void PreparedEnvironment::walk(const MapPoint& start, const MapPoint& end, const Visit& visit) const {
+  const auto& [a, at_a] = start;
+  const auto& [b, at_b] = end;
   const int width = map_->radiance.width;
   int columns = at_b.column - at_a.column;  // to cross, to the right
   if (2 * columns >= width) columns -= width;
@@ -289,19 +298,17 @@ void PreparedEnvironment::walk(const Vector3d& a, const SourceTexel& at_a, const
   visit(from, point(b), at_b.column, at_b.row);
 }
 
-PathSums PreparedEnvironment::along(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                                    const SourceTexel& at_b) const {
+PathSums PreparedEnvironment::along(const MapPoint& a, const MapPoint& b) const {
   PathSums sums;
-  walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+  walk(a, b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
     add_piece(from, to, column, row, sums);
   });
   return sums;
 }
 
-void PreparedEnvironment::enclosed(const PathSums& around, double light[3]) const {
+Vector3d PreparedEnvironment::enclosed(const PathSums& around) const {
   // Around the south pole Q is that of whole columns, which no edge encloses.
-  const bool has_south_pole = around.azimuth < -pi;
-  for (int c = 0; c < 3; ++c) light[c] = around.light[c] + (has_south_pole ? total_[c] : 0.0);
+  return around.light + (around.azimuth < -pi ? total_ : Vector3d::Zero());
 }
 
 namespace {
@@ -377,8 +384,7 @@ void PreparedEnvironment::add_measured(double azimuth, const Eigen::Vector2d& ac
   sums.azimuth += azimuth;
 }
 
-VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const SourceTexel& at_a,
-                                                  const Vector3d& b, const SourceTexel& at_b) const {
+VectorPathSums PreparedEnvironment::vectors_along(const MapPoint& a, const MapPoint& b) const {
   VectorPathSums sums;
   /// End of a piece: the azimuth's direction, its integral, and that times the angle from the pole.
   struct End {
@@ -393,7 +399,7 @@ VectorPathSums PreparedEnvironment::vectors_along(const Vector3d& a, const Sourc
     return {level, across, (edge[0] + below) * across};
   };
   std::optional<End> start;
-  walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+  walk(a, b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
     if (!start) start = end_of(from, row);
     const End end = end_of(to, row);
     const double azimuth =
@@ -436,23 +442,23 @@ PathBatch<Sums>::PathBatch(const PreparedEnvironment& environment)
                environment.map().radiance.height >= fine_rows) {}
 
 template <class Sums>
-void PathBatch<Sums>::add(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                          const SourceTexel& at_b, Sums& sums) {
+void PathBatch<Sums>::add(const MapPoint& a, const MapPoint& b, Sums& sums) {
   sums = {};
-  if (add_short(a, at_a, b, at_b, sums)) return;
-  if (is_fine_ && misses_poles(a, b))
-    environment_.walk(a, at_a, b, at_b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
+  if (add_short(a, b, sums)) return;
+  if (is_fine_ && misses_poles(a.direction, b.direction))
+    environment_.walk(a, b, [&](const PathPoint& from, const PathPoint& to, int column, int row) {
       add_piece(from, to, column, row, sums);
     });
   else if constexpr (has_vectors)
-    sums = environment_.vectors_along(a, at_a, b, at_b);
+    sums = environment_.vectors_along(a, b);
   else
-    sums = environment_.along(a, at_a, b, at_b);
+    sums = environment_.along(a, b);
 }
 
 template <class Sums>
-bool PathBatch<Sums>::add_short(const Vector3d& a, const SourceTexel& at_a, const Vector3d& b,
-                                const SourceTexel& at_b, Sums& sums) {
+bool PathBatch<Sums>::add_short(const MapPoint& start, const MapPoint& end, Sums& sums) {
+  const auto& [a, at_a] = start;
+  const auto& [b, at_b] = end;
   if (has_vectors && !is_fine_) return false;
   constexpr double max_squared_length = 4e-3;
   constexpr double max_tangent = 0.06;  // of the azimuth of pieces, see measure_pieces()

@@ -22,41 +22,33 @@ struct SourceTexel {
   bool operator==(const SourceTexel&) const = default;
 };
 
-/// Sums along a path on the sphere, with φ the azimuth that grows with the columns of lat-long maps:
-/// ∫ Q dφ of each channel, Q(φ, y) the integral of the radiance over sin(latitude) from y to the north pole,
-/// and ∫ dφ.
-struct PathSums {
-  double light[3] = {0.0, 0.0, 0.0};
-  double azimuth = 0.0;
-
-  PathSums& operator+=(const PathSums& other) {
-    for (int c = 0; c < 3; ++c) light[c] += other.light[c];
-    azimuth += other.azimuth;
-    return *this;
-  }
-  PathSums& operator-=(const PathSums& other) {
-    for (int c = 0; c < 3; ++c) light[c] -= other.light[c];
-    azimuth -= other.azimuth;
-    return *this;
-  }
+/// A point on the sphere of an environment map: a unit direction, and the texel it lies in.
+struct MapPoint {
+  Eigen::Vector3d direction;
+  SourceTexel texel;
 };
 
-/// Sums along a path of the light vector, ∫ L ω dω, as PathSums has them of the light.
-struct VectorPathSums {
-  Eigen::Matrix3d light = Eigen::Matrix3d::Zero();  ///< [x, y, z][channels]
-  double azimuth = 0.0;
+template <class Light>
+struct SumsAlong {
+  Light light = Light::Zero();
+  double azimuth = 0.0;  ///< ∫ dφ, with φ the azimuth that grows with the columns of lat-long maps
 
-  VectorPathSums& operator+=(const VectorPathSums& other) {
+  SumsAlong& operator+=(const SumsAlong& other) {
     light += other.light;
     azimuth += other.azimuth;
     return *this;
   }
-  VectorPathSums& operator-=(const VectorPathSums& other) {
+  SumsAlong& operator-=(const SumsAlong& other) {
     light -= other.light;
     azimuth -= other.azimuth;
     return *this;
   }
 };
+/// Sums along a path on the sphere: ∫ Q dφ of each channel, Q(φ, y) the integral of the radiance over
+/// sin(latitude) from y to the north pole.
+using PathSums = SumsAlong<Eigen::Vector3d>;
+/// The same of the light vector, ∫ L ω dω: [x, y, z][channels].
+using VectorPathSums = SumsAlong<Eigen::Matrix3d>;
 
 /// An environment map with what its projection needs, to be made once per map and used for any number of
 /// rotations and targets, from several threads at a time.
@@ -80,32 +72,23 @@ class PreparedEnvironment {
   /// Whether the functions below may be called: for lat-long maps of at least 16 columns.
   bool has_path_sums() const { return !prefix_.empty(); }
 
-  /// Moves a unit direction that lies at a pole, where it has no azimuth, by 1e-12.
-  static void leave_pole(Eigen::Vector3d& direction) {
-    constexpr double distance = 1e-12;
-    if (direction.x() * direction.x() + direction.z() * direction.z() < distance * distance)
-      direction.x() = distance;
-  }
+  /// The point in a direction of any length; `near` only tells where to look first. A direction to a pole,
+  /// where it has no azimuth, is moved by 1e-12.
+  MapPoint point(Eigen::Vector3d direction, const SourceTexel& near) const;
 
-  /// The texel of a unit direction; `near` only tells where to look first.
-  SourceTexel texel_at(const Eigen::Vector3d& direction, const SourceTexel& near) const;
-
-  /// Along the great circle from a to b, unit directions less than 180° apart that leave_pole() was applied
-  /// to, and the texels they lie in.
-  PathSums along(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-                 const SourceTexel& at_b) const;
+  /// Along the great circle from a to b, less than 180° apart.
+  PathSums along(const MapPoint& a, const MapPoint& b) const;
 
   /// The integral of the radiance over a polygon, from the sums along its edges; they go around it
   /// anticlockwise as an observer at the origin sees it.
-  void enclosed(const PathSums& around, double light[3]) const;
+  Eigen::Vector3d enclosed(const PathSums& around) const;
 
   /// Path sums of the light vector, ∫ L ω dω: where radiance is constant, it is an integral of ω along the
   /// edges, too (the light vector of a polygon), so that these sums are as exact. The first call makes a
   /// table of 48 bytes per texel, on all cores; throws Interrupted.
   void prepare_vectors(const RunContext& run) const;
   /// After prepare_vectors().
-  VectorPathSums vectors_along(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-                               const SourceTexel& at_b) const;
+  VectorPathSums vectors_along(const MapPoint& a, const MapPoint& b) const;
   Eigen::Matrix3d enclosed(const VectorPathSums& around) const;
 
   /// See TexelBounds. `shrink`: √(1 − d²/4) with the longest chord d of the great circles; 0 for any length.
@@ -129,6 +112,7 @@ class PreparedEnvironment {
   template <class Sums>
   friend class PathBatch;
 
+  SourceTexel texel_at(const Eigen::Vector3d& direction, const SourceTexel& near) const;
   /// Whether great circles between points of a texel whose sines of latitude lie between `least` and `most`
   /// stay in the texel; `shrink` as for bounds_of().
   bool stays_inside(const SourceTexel& texel, double lowest, double highest, double shrink) const {
@@ -146,8 +130,7 @@ class PreparedEnvironment {
   void add_piece(const PathPoint& from, const PathPoint& to, int column, int row, PathSums& sums) const;
   /// Calls visit(from, to, column, row) for the pieces of the path of along(), each in one texel.
   template <class Visit>
-  void walk(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-            const SourceTexel& at_b, const Visit& visit) const;
+  void walk(const MapPoint& a, const MapPoint& b, const Visit& visit) const;
   /// Adds the sums along a piece in one texel: its azimuth and ∫ (1 − sin(latitude)) dφ.
   void add_measured(double azimuth, double above, std::int32_t texel, int row, PathSums& sums) const;
   /// Adds a piece to sums of light vectors: see PieceVectors.
@@ -160,7 +143,7 @@ class PreparedEnvironment {
   }
 
   std::shared_ptr<const LightMap> map_;
-  double total_[3] = {0.0, 0.0, 0.0};   // radiance times solid angle
+  Eigen::Vector3d total_ = Eigen::Vector3d::Zero();  // radiance times solid angle
   std::vector<double> sines_;           // [height + 1], of the latitudes of rows' edges, 1 to −1
   std::vector<Eigen::Vector2d> edges_;  // [width + 1], (x, z) of directions on the left edges of columns
   int block_rows_ = 1;                  // rows that share an entry of prefix_
@@ -192,16 +175,14 @@ class PathBatch {
   explicit PathBatch(const PreparedEnvironment& environment);
 
   /// As along(). `sums` is set when the next flush() returns, and must stay where it is until then.
-  void add(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-           const SourceTexel& at_b, Sums& sums);
+  void add(const MapPoint& a, const MapPoint& b, Sums& sums);
   void flush();
 
  private:
   using PathPoint = PreparedEnvironment::PathPoint;
   static constexpr bool has_vectors = std::is_same_v<Sums, VectorPathSums>;
 
-  bool add_short(const Eigen::Vector3d& a, const SourceTexel& at_a, const Eigen::Vector3d& b,
-                 const SourceTexel& at_b, Sums& sums);
+  bool add_short(const MapPoint& a, const MapPoint& b, Sums& sums);
   void add_piece(const PathPoint& a, const PathPoint& b, int column, int row, Sums& sums);
 
   struct Place {

@@ -536,8 +536,7 @@ TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
     environment.prepare_vectors({});
     constexpr std::size_t count = 20000;
     struct Path {
-      Eigen::Vector3d a, b;
-      SourceTexel at_a, at_b;
+      MapPoint a, b;
     };
     std::vector<Path> paths;
     std::vector<PathSums> sums(count);
@@ -550,33 +549,29 @@ TEST(Environment, PathsInABatchHaveTheSumsOfEachAlone) {
         return rng.below(3) == 0 ? std::round(anywhere) : anywhere;
       };
       const double row = rng.below(8) == 0 ? rng.uniform(0.0, 1e-2) : place(width / 2);
-      Path path;
-      path.a = lat_long_direction(place(width), row, width, width / 2);
+      const Eigen::Vector3d from = lat_long_direction(place(width), row, width, width / 2);
       const double length = std::exp(rng.uniform(-14.0, -2.0));
-      path.b = path.a;
-      for (double& coordinate : path.b) coordinate += length * rng.uniform(-1, 1);
-      for (Eigen::Vector3d* end : {&path.a, &path.b}) {
-        end->normalize();
-        PreparedEnvironment::leave_pole(*end);
-      }
-      path.at_a = environment.texel_at(path.a, {});
-      path.at_b = environment.texel_at(path.b, path.at_a);
-      batch.add(path.a, path.at_a, path.b, path.at_b, sums[i]);
-      vector_batch.add(path.a, path.at_a, path.b, path.at_b, vectors[i]);
+      Eigen::Vector3d to = from;
+      for (double& coordinate : to) coordinate += length * rng.uniform(-1, 1);
+      Path path;
+      path.a = environment.point(from, {});
+      path.b = environment.point(to, path.a.texel);
+      batch.add(path.a, path.b, sums[i]);
+      vector_batch.add(path.a, path.b, vectors[i]);
       paths.push_back(path);
     }
     batch.flush();
     vector_batch.flush();
     for (std::size_t i = 0; i < count; ++i) {
-      const PathSums alone = environment.along(paths[i].a, paths[i].at_a, paths[i].b, paths[i].at_b);
+      const PathSums alone = environment.along(paths[i].a, paths[i].b);
       ASSERT_NEAR(sums[i].azimuth, alone.azimuth, rounding) << width << " " << i;
       for (int c = 0; c < 3; ++c)
-        ASSERT_NEAR(sums[i].light[c], alone.light[c], rounding) << width << " " << paths[i].a.transpose();
-      const VectorPathSums vectors_alone =
-          environment.vectors_along(paths[i].a, paths[i].at_a, paths[i].b, paths[i].at_b);
+        ASSERT_NEAR(sums[i].light[c], alone.light[c], rounding)
+            << width << " " << paths[i].a.direction.transpose();
+      const VectorPathSums vectors_alone = environment.vectors_along(paths[i].a, paths[i].b);
       ASSERT_NEAR(vectors[i].azimuth, vectors_alone.azimuth, rounding) << width << " " << i;
       ASSERT_LT((vectors[i].light - vectors_alone.light).cwiseAbs().maxCoeff(), rounding)
-          << width << " " << paths[i].a.transpose() << ", " << paths[i].b.transpose();
+          << width << " " << paths[i].a.direction.transpose() << ", " << paths[i].b.direction.transpose();
     }
   }
 }
