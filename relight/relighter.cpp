@@ -82,6 +82,10 @@ RelightPrecision precision_for(const ReflectanceField& field, RelightPrecision r
   return std::ranges::any_of(field.transfer.weight, is_negative) ? RelightPrecision::fine : requested;
 }
 
+int bits_of(RelightPrecision precision) {
+  return precision == RelightPrecision::fast ? 8 : 16;
+}
+
 }  // namespace
 
 TileRelighter::TileRelighter(const FieldOutline& field, RelightPrecision precision)
@@ -98,19 +102,13 @@ TileRelighter::TileRelighter(const FieldOutline& field, RelightPrecision precisi
 
 TileRelighter::TileRelighter(const ReflectanceField& field, RelightPrecision precision)
     : TileRelighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
-  if (precision_ == RelightPrecision::fast)
-    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(field));
-  else
-    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(field));
+  transfer_ = std::make_shared<const TransferTiles>(tile_transfer(field, bits_of(precision_)));
   list_boxes(field.basis);
 }
 
 TileRelighter::TileRelighter(ReflectanceField&& field, RelightPrecision precision)
     : TileRelighter(static_cast<const FieldOutline&>(field), precision_for(field, precision)) {
-  if (precision_ == RelightPrecision::fast)
-    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint8_t>(std::move(field)));
-  else
-    transfer_ = std::make_shared<const TransferTiles>(tile_transfer<std::uint16_t>(std::move(field)));
+  transfer_ = std::make_shared<const TransferTiles>(tile_transfer(std::move(field), bits_of(precision_)));
   // NOLINTNEXTLINE(bugprone-use-after-move): the transfer alone is gone.
   list_boxes(field.basis);
 }

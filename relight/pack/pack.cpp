@@ -216,10 +216,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
 
 PackedField pack_rows(FieldRows rows, int bits, const RunContext& run) {
   PackedField packed;
-  if (bits == 8)
-    packed.tiles = tile_transfer<std::uint8_t>(rows, run);
-  else
-    packed.tiles = tile_transfer<std::uint16_t>(rows, run);
+  packed.tiles = tile_transfer(rows, bits, run);
   packed.outline = std::move(rows.outline);
   return packed;
 }

@@ -337,89 +337,100 @@ void forget(FileVector<T>& values, std::uint64_t first, std::uint64_t last) {
   release_pages(values.data() + first, (last - first) * sizeof(T));
 }
 
-/// `used`: the field itself where it is given up as it is used.
-template <class Weight>
-TiledTransfer<Weight> lay_out(const ReflectanceField& field, ReflectanceField* used) {
-  require_nameable(field.basis.domain);
-  TiledTransfer<Weight> tiled{field.width, field.height, {}, {}};
-  const int across = tiled.tiles_across();
-  CommonKernels kernels(field.basis);
-  kernels.add(field, 0);
-  const std::vector<std::uint32_t> common_place = kernels.places(tiled.common);
-  tbb::enumerable_thread_specific<TileWorkshop> workshops;
-  constexpr int band_rows = TiledTransfer<Weight>::band_rows;
-  for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
-    const int rows = std::min(band_rows, tiled.tiles_down() - row);
-    const auto entry_of = [&](int tile_row) {
-      const int y = std::min(tile_row * tile_side_px, field.height);
-      return field.transfer.row_start[static_cast<std::size_t>(y) * static_cast<std::size_t>(field.width)];
-    };
-    tiled.bands.push_back(lay_out_band<Weight>(field, common_place, row, rows, across, workshops, [&] {
-      if (used == nullptr) return;
-      forget(used->transfer.column, entry_of(row), entry_of(row + rows));
-      forget(used->transfer.weight, 3 * entry_of(row), 3 * entry_of(row + rows));
-    }));
-  }
-  tiled.mark_parts();
-  return tiled;
-}
-
-}  // namespace
-
-template <class Weight>
-TiledTransfer<Weight> tile_transfer(const ReflectanceField& field) {
-  return lay_out<Weight>(field, nullptr);
-}
-
-template <class Weight>
-TiledTransfer<Weight> tile_transfer(ReflectanceField&& field) {
-  auto tiled = lay_out<Weight>(field, &field);
-  field.transfer = {};
-  return tiled;
-}
-
-template <class Weight>
-TiledTransfer<Weight> tile_transfer(const FieldRows& source, const RunContext& run) {
-  const FieldOutline& outline = source.outline;
-  require_nameable(outline.basis.domain);
+/// `count_kernels` adds all rows to CommonKernels, and returns false where they cannot be looked at before
+/// they are laid out: then all kernels count as common. `for_each_band` calls visit(field, its first row of
+/// tiles to be laid out, rows of tiles, what to do when its entries are no longer needed).
+template <class Weight, class CountKernels, class ForEachBand>
+TiledTransfer<Weight> lay_out(const FieldOutline& outline, const CountKernels& count_kernels,
+                              const ForEachBand& for_each_band) {
   TiledTransfer<Weight> tiled{outline.width, outline.height, {}, {}};
-  ReflectanceField band;  // some rows of the picture
-  band.width = outline.width;
-  band.basis = outline.basis;
-  constexpr int band_rows = TiledTransfer<Weight>::band_rows;
-  // Calls visit(first row of tiles, rows of tiles) for one band after another.
-  const auto for_each_band = [&](const auto& visit) {
-    for (int row = 0; row < tiled.tiles_down(); row += band_rows) {
-      run.throw_if_stopped();
-      const int rows = std::min(band_rows, tiled.tiles_down() - row);
-      const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
-      band.height = range.count();
-      band.transfer = source.rows(range);
-      visit(row, rows);
-    }
-  };
+  CommonKernels kernels(outline.basis);
   std::vector<std::uint32_t> place(outline.basis.size());
-  if (source.repeatable) {
-    CommonKernels kernels(band.basis);
-    for_each_band([&](int row, int) { kernels.add(band, row); });
+  if (count_kernels(kernels)) {
     place = kernels.places(tiled.common);
   } else {
     std::iota(place.begin(), place.end(), 0u);
     tiled.common = place;
   }
   tbb::enumerable_thread_specific<TileWorkshop> workshops;
-  for_each_band([&](int, int rows) {
-    tiled.bands.push_back(lay_out_band<Weight>(band, place, 0, rows, tiled.tiles_across(), workshops, [] {}));
+  for_each_band([&](const ReflectanceField& field, int first_row, int rows, const auto& done) {
+    tiled.bands.push_back(
+        lay_out_band<Weight>(field, place, first_row, rows, tiled.tiles_across(), workshops, done));
   });
   tiled.mark_parts();
   return tiled;
 }
 
-template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const FieldRows&, const RunContext&);
-template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const FieldRows&, const RunContext&);
-template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(const ReflectanceField&);
-template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(const ReflectanceField&);
-template TiledTransfer<std::uint8_t> tile_transfer<std::uint8_t>(ReflectanceField&&);
-template TiledTransfer<std::uint16_t> tile_transfer<std::uint16_t>(ReflectanceField&&);
+template <class... Source>
+TransferTiles lay_out_in(int bits, const Source&... source) {
+  if (bits == 8) return lay_out<std::uint8_t>(source...);
+  return lay_out<std::uint16_t>(source...);
+}
+
+/// Calls visit(first row of tiles, rows of tiles) for one band after another.
+template <class Visit>
+void for_bands(const FieldOutline& outline, const Visit& visit) {
+  constexpr int band_rows = TiledTransfer<std::uint8_t>::band_rows;
+  const int all = (outline.height + tile_side_px - 1) / tile_side_px;
+  for (int row = 0; row < all; row += band_rows) visit(row, std::min(band_rows, all - row));
+}
+
+/// `used`: the field itself where it is given up as it is used.
+TransferTiles tile_field(const ReflectanceField& field, ReflectanceField* used, int bits) {
+  require_nameable(field.basis.domain);
+  const auto entry_of = [&](int tile_row) {
+    const int y = std::min(tile_row * tile_side_px, field.height);
+    return field.transfer.row_start[static_cast<std::size_t>(y) * static_cast<std::size_t>(field.width)];
+  };
+  const auto count = [&](CommonKernels& kernels) {
+    kernels.add(field, 0);
+    return true;
+  };
+  return lay_out_in(bits, field, count, [&](const auto& lay_out_rows) {
+    for_bands(field, [&](int row, int rows) {
+      lay_out_rows(field, row, rows, [&] {
+        if (used == nullptr) return;
+        forget(used->transfer.column, entry_of(row), entry_of(row + rows));
+        forget(used->transfer.weight, 3 * entry_of(row), 3 * entry_of(row + rows));
+      });
+    });
+  });
+}
+
+}  // namespace
+
+TransferTiles tile_transfer(const ReflectanceField& field, int bits) {
+  return tile_field(field, nullptr, bits);
+}
+
+TransferTiles tile_transfer(ReflectanceField&& field, int bits) {
+  TransferTiles tiled = tile_field(field, &field, bits);
+  field.transfer = {};
+  return tiled;
+}
+
+TransferTiles tile_transfer(const FieldRows& source, int bits, const RunContext& run) {
+  const FieldOutline& outline = source.outline;
+  require_nameable(outline.basis.domain);
+  ReflectanceField band;  // some rows of the picture
+  band.width = outline.width;
+  band.basis = outline.basis;
+  const auto for_each_band = [&](const auto& visit) {
+    for_bands(outline, [&](int row, int rows) {
+      run.throw_if_stopped();
+      const RowRange range{row * tile_side_px, std::min(outline.height, (row + rows) * tile_side_px)};
+      band.height = range.count();
+      band.transfer = source.rows(range);
+      visit(row, rows);
+    });
+  };
+  const auto count = [&](CommonKernels& kernels) {
+    if (source.repeatable) for_each_band([&](int row, int) { kernels.add(band, row); });
+    return source.repeatable;
+  };
+  return lay_out_in(bits, outline, count, [&](const auto& lay_out_rows) {
+    for_each_band([&](int, int rows) { lay_out_rows(band, 0, rows, [] {}); });
+  });
+}
 
 }  // namespace refield
