@@ -34,9 +34,9 @@ def options_of_studies():
 
 
 def options_of_scripts():
-    """Of dev and of the studies' scripts: what they name."""
+    """Of dev and of the scripts of studies and lint: what they name."""
     named = {str(path.relative_to(ROOT)): set(OPTION.findall(path.read_text()))
-             for path in [ROOT / "dev", *ROOT.glob("bench/**/*.py")]}
+             for path in [ROOT / "dev", *ROOT.glob("bench/**/*.py"), *ROOT.glob("tests/lint/*.py")]}
     return named | {"./" + name: options for name, options in named.items()}
 
 
