@@ -156,13 +156,6 @@ SceneHit SceneRays::hit_on_object(const prt::FirstHit& hit, const Eigen::Vector3
   return {hit.instance, prt::mesh_hit(objects_[hit.instance].mesh(), hit, own_direction)};
 }
 
-std::optional<SceneHit> SceneRays::intersect(const Eigen::Vector3f& origin,
-                                             const Eigen::Vector3f& direction) const {
-  const auto hit = scene_.first_hit(origin, direction);
-  if (!hit) return std::nullopt;
-  return hit_on_object(*hit, direction);
-}
-
 void SceneRays::intersect(std::span<const Eigen::Vector3f> origins,
                           std::span<const Eigen::Vector3f> directions,
                           std::span<std::optional<SceneHit>> hits) const {

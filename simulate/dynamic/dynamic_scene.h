@@ -41,9 +41,7 @@ class SceneRays {
   std::uint32_t unoccluded(std::span<const Eigen::Vector3f> points,
                            std::span<const Eigen::Vector3f> directions,
                            std::span<const float> distance) const;
-  /// What a ray meets first.
-  std::optional<SceneHit> intersect(const Eigen::Vector3f& origin, const Eigen::Vector3f& direction) const;
-  /// Intersections of up to 16 rays.
+  /// What up to 16 rays meet first.
   void intersect(std::span<const Eigen::Vector3f> origins, std::span<const Eigen::Vector3f> directions,
                  std::span<std::optional<SceneHit>> hits) const;
 

@@ -152,7 +152,9 @@ class PathTracer {
       if (local.z() <= 0.0f || density <= 0.0f) break;
       throughput *= point.reflectance(local) * (local.z() / density);
       const Eigen::Vector3f direction = (point.frame.transpose() * local).normalized();
-      const auto hit = rays_.intersect(point.position + off_surface * point.normal, direction);
+      const Eigen::Vector3f start = point.position + off_surface * point.normal;
+      std::optional<SceneHit> hit;
+      rays_.intersect({&start, 1}, {&direction, 1}, {&hit, 1});
       if (!hit && light_.environment)
         sum[depth] += (throughput * light_.environment(point.position, direction)).cast<double>();
       if (!hit || !hit->on.front) break;

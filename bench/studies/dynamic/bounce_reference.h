@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/base/run_context.h"
-#include "simulate/dynamic/direct_light.h"
+#include "simulate/dynamic/dynamic_light.h"
 #include "simulate/dynamic/dynamic_scene.h"
 
 namespace refield::dynamic {

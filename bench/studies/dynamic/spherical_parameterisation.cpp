@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "cli/run_context.h"
+#include "core/base/run_context.h"
 
 namespace refield::dynamic {
 

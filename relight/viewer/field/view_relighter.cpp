@@ -49,10 +49,7 @@ TileRelighter relighter_of(ReflectanceField& field) {
 /// Leaves the outline.
 TileRelighter relighter_of(PackedField& packed) {
   require_content(packed.outline);
-  FieldOutline outline = packed.outline;
-  TileRelighter relighter(std::move(packed));
-  packed.outline = std::move(outline);  // NOLINT(bugprone-use-after-move): what was moved is made anew
-  return relighter;
+  return TileRelighter(std::move(packed));
 }
 
 PixelGrid whole_image(const FieldOutline& field) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "simulate/dynamic/direct_light.h"
+#include "simulate/dynamic/dynamic_light.h"
 
 #include <gtest/gtest.h>
 
