@@ -279,9 +279,12 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
     for (int x = block.x0; x < block.x1; ++x)
       has_rectangles = has_rectangles || (in_rows(x, y) && !rows.at(x, y).is_on_cells);
   const auto pooled = pooled_samples_of(block, own);
+  // A fifth of few lights is much of what they tell.
+  const bool few_degrees = input_.texels && input_.texels->of_all();
   const double share = share_of_cross_validation(input_.table);
   std::vector<double> validated;
-  if (has_rectangles) validated = own.evaluator.cross_validate(pooled, block_width, 5, run_, b);
+  if (has_rectangles)
+    validated = own.evaluator.cross_validate(pooled, block_width, few_degrees ? 10 : 5, run_, b);
   std::vector<double> half, quarter;
   if (!refines && learns) {
     half = own.evaluator.cross_validate(pooled, block_width, 2, run_, b);
@@ -297,8 +300,7 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
       };
       const float left_out = pixel.evidence.leave_one_out;
       pixel.evidence.cross_validated = pixel.is_on_cells ? left_out : relative(validated[i]);
-      // predict_errors() goes half the way under light with few degrees of freedom.
-      if (input_.texels && share > 0.5)
+      if (input_.texels && !few_degrees && share > 0.5)  // of repeated lights leave-one-out tells less
         pixel.evidence.cross_validated =
             static_cast<float>(std::lerp(left_out, pixel.evidence.cross_validated, 2.0 * share));
       if (half.empty()) continue;

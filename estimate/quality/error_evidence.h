@@ -72,7 +72,8 @@ class ErrorEvaluator {
   /// Sets the residual of kernels that were fitted to pooled or weighted samples to that of the photographs.
   void set_residual(const PixelSamples& observed, PixelKernels& kernels);
 
-  /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters.
+  /// Fits to parts of the images that estimate_band() asks for: five folds, two halves, four quarters. Light
+  /// with few degrees of freedom has ten folds, of small tables.
   static constexpr int parts = 5 + 2 + 4;
   /// Each part's cache of columns is emptied beyond this.
   static constexpr std::size_t part_cache_bytes = 8u << 20;
