@@ -3,6 +3,7 @@
 
 #include <tbb/parallel_for.h>
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -75,6 +76,27 @@ double ErrorFollower::mean_square() const {
   return count > 0 ? sum / static_cast<double>(count) : 0.0;
 }
 
+std::optional<Eigen::Matrix3d> ErrorFollower::unmixing() const {
+  // Under one primary all channels see the same reflectance, so that their ratios are a column of the matrix.
+  Eigen::Matrix3d mixing = Eigen::Matrix3d::Zero();
+  for (std::size_t j = 0; j < lights_.size(); ++j) {
+    Eigen::Array3d light = Eigen::Array3d::Zero();
+    const std::vector<float>& values = lights_[j].radiance.values;
+    for (std::size_t i = 0; i < values.size(); ++i) light(static_cast<Eigen::Index>(i % 3)) += values[i];
+    Eigen::Index primary = 0;
+    constexpr double pure = 0.99;
+    if (light.maxCoeff(&primary) < pure * light.sum()) continue;
+    Eigen::Vector3d products = Eigen::Vector3d::Zero();
+    for (const auto& pixel : samples_)
+      if (const Eigen::Vector3d seen(pixel[0][j], pixel[1][j], pixel[2][j]); seen.allFinite())
+        products += seen(primary) * seen;
+    if (products(primary) > 0.0) mixing.col(primary) = products / products(primary);
+  }
+  constexpr double least_determinant = 0.1;  // of channels that differ
+  if (!(std::abs(mixing.determinant()) > least_determinant)) return std::nullopt;
+  return mixing.inverse();
+}
+
 std::vector<double> ErrorFollower::change_of_light(const BoxTable& table,
                                                    const std::vector<PixelKernels>& kernels,
                                                    const RunContext& run) const {
@@ -120,6 +142,7 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
   FitWorkers workers;
   std::vector<float> predicted(pixels_.size(), 0.0f), noise(pixels_.size(), 0.0f);
   const double share = share_of_cross_validation(table);
+  const auto unmix = unmixing();
   std::vector<PixelKernels> kernels(pixels_.size());
   constexpr std::size_t block_size = block_side_px * block_side_px;
   tbb::parallel_for(std::size_t{0}, pixels_.size() / block_size, [&](std::size_t b) {
@@ -136,6 +159,13 @@ FollowedError ErrorFollower::predict(const RunContext& run) {
         std::ranges::copy(samples_[b * block_size + i][c], values);
         block[i][c] = values;
       }
+    if (unmix)
+      for (std::size_t i = 0; i < block_size; ++i)
+        for (int j = 0; j < images(); ++j) {
+          const Eigen::Vector3d seen(block[i][0][j], block[i][1][j], block[i][2][j]);
+          for (int c = 0; c < 3; ++c)
+            padded[(3 * i + c) * table.stride() + j] = static_cast<float>(unmix->row(c).dot(seen));
+        }
     const auto fitted = worker->model.fit(block, block_side_px, {}, run);
     const auto validated = worker->evaluator.cross_validate(block, block_side_px, 5, run);
     MaskedSamples masked;

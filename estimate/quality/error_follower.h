@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <Eigen/Core>
 #include <array>
 #include <optional>
 #include <utility>
@@ -51,6 +52,9 @@ class ErrorFollower {
 
  private:
   double mean_square() const;  // of the samples measured
+  /// Undoes what the camera's channels see of other primaries, as estimation does; nothing unless a
+  /// photograph of each primary tells it.
+  std::optional<Eigen::Matrix3d> unmixing() const;
 
   /// How the squared error of each pixel changes from the photographs' kind of light to the expected one,
   /// given its kernels [pixels].

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 #include "core/base/errors.h"
@@ -75,6 +76,37 @@ TEST_F(Follow, ASampleOfPixelsIsEnough) {
     some.add(session_.frames[j], Parameterisation::monitor);
   }
   EXPECT_NEAR(*some.predict().predicted / *all.predict().predicted, 1.0, 0.15);
+}
+
+/// A camera whose channels see 10 % of other primaries: fields are estimated without that.
+TEST_F(Follow, MixedChannelsAreToldFromThePrimaries) {
+  std::vector<LightMap> lights;
+  for (std::size_t primary = 0; primary < 3; ++primary) {
+    lights.push_back({Image(16, 12, 3), Parameterisation::monitor});
+    for (std::size_t i = primary; i < lights.back().radiance.values.size(); i += 3)
+      lights.back().radiance.values[i] = 1.0f;
+  }
+  lights.insert(lights.end(), lights_.begin(), lights_.begin() + 30);
+  const CaptureSession session = test::write_capture(folder_ / "primaries", truth_, lights, noise);
+  std::array<double, 2> predicted{};
+  for (const bool is_mixed : {false, true}) {
+    ErrorFollower follower(options_);
+    for (const CaptureFrame& frame : session.frames) {
+      if (is_mixed) {
+        Photograph photograph = read_photograph(frame.observed);
+        std::vector<float>& values = photograph.radiance.values;
+        for (std::size_t i = 0; i < values.size(); i += 3) {
+          const float red = values[i], green = values[i + 1];
+          values[i] += 0.1f * green;
+          values[i + 1] += 0.1f * red + 0.1f * values[i + 2];
+        }
+        write_photograph(frame.observed, photograph);
+      }
+      follower.add(frame, Parameterisation::monitor);
+    }
+    predicted[is_mixed] = *follower.predict().predicted;
+  }
+  EXPECT_NEAR(predicted[1] / predicted[0], 1.0, 0.05);  // 1.5 or more with the channels as they are
 }
 
 TEST_F(Follow, PredictsForTheExpectedLight) {
