@@ -376,6 +376,7 @@ class RigEstimation {
   // As photographed, with the ambient photograph last where there is one, and with the model so far undone.
   std::vector<Tile> original_, current_;
   bool has_ambient_ = false;
+  bool assumes_dark_ = false;  // that the photograph with the least room light has none
   double room_scale_ = 1.0;    // multiples of the room picture in one of a picture as bright as the scene
   std::vector<Place> places_;  // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
@@ -1307,6 +1308,7 @@ bool RigEstimation::estimate_brightness() {
   if (changes) y = dark;
   const double least_room = changes && !has_ambient_ ? -room(chosen_).minCoeff() : 0.0;
   const double mean_room = mean_room_light(y, scene, least_room);
+  assumes_dark_ = least_room > 0.0 && mean_room == least_room;
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j)
       model_.room.push_back(room_scale_ * (mean_room + (changes ? room[j] : 0.0)));
@@ -1485,7 +1487,10 @@ RigReport RigEstimation::report() const {
   most = 0.0;
   for (const double room : model_.room) most = std::max(most, std::abs(room));
   std::snprintf(text, sizeof text, "room light of up to %.1f %% of the %s photograph%s", 100.0 * most,
-                model_.ambient_room ? "ambient" : "mean", model_.ambient_room ? " was left" : "");
+                model_.ambient_room ? "ambient" : "mean",
+                model_.ambient_room ? " was left"
+                : assumes_dark_     ? ", if the photograph with the least of it has none"
+                                    : "");
   add("room light", !model_.room.empty(), most, model_.room.empty() ? "none was found" : text);
   return report;
 }
