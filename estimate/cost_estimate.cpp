@@ -4,12 +4,6 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <optional>
-
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/field/reflectance_field.h"
@@ -62,7 +56,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options, Fi
   const std::uint64_t kernel_bytes =
       usual_kernels(options) * (sizeof(Box) + 3 * sizeof(float)) + sizeof(PixelKernels);
 
-  const std::uint64_t old_field = job.refinement ? std::filesystem::file_size(job.refinement->path()) : 0;
+  const std::uint64_t old_field = job.refinement ? fs::file_size(job.refinement->path()) : 0;
   const std::uint64_t shared = base_bytes + old_field + BoxTable::bytes(session.light, images);
   // A row that is held has its samples and each thread's share of images being read; one that is estimated,
   // kernels before and after a sweep besides.

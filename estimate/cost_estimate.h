@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <tbb/global_control.h>
-
-#include <vector>
-
 #include "estimate/estimate.h"
 #include "estimate/job/estimate_job.h"
 

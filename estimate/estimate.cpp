@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/estimate.h"
 
-#include <algorithm>
-#include <chrono>
-#include <cmath>
 #include <fstream>
-#include <memory>
-#include <optional>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/base/units.h"
 #include "core/field_io/field_shard.h"
@@ -23,8 +16,6 @@
 #include "estimate/quality/frame_check.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

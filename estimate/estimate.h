@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/drift.h"
 #include "core/field/reflectance_field.h"
@@ -71,7 +62,7 @@ CostEstimate estimate_cost(const CaptureSession& session, const EstimateOptions&
 /// (core/field_io/field_shard.h) share the check of frames as `frame_check_name`. Source: Matusik et al.
 /// 2004, sections 3 to 5.
 EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOptions& options,
-                                 const std::filesystem::path& output, bool resume, const RunContext& run = {},
+                                 const fs::path& output, bool resume, const RunContext& run = {},
                                  const std::function<void(const EstimatePlan&)>& announce = {});
 
 /// The same, kept in memory: for small sessions, tests and the report. With options.rows set the field's

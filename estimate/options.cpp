@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/options.h"
 
-#include <string>
-
-#include "core/base/errors.h"
-
 namespace refield {
 
 std::string_view v0_2::name_of(EstimateMode mode) {

@@ -5,9 +5,6 @@
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
-#include <cmath>
-#include <utility>
-
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"
 

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstddef>
-#include <memory>
-#include <string>
-#include <variant>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "relight/environment/environment.h"

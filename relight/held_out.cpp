@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/held_out.h"
 
-#include <algorithm>
 #include <cmath>
-#include <functional>
 #include <set>
-#include <span>
 
 #include "core/base/json.h"
 #include "core/field/light_error.h"

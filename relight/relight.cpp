@@ -2,17 +2,11 @@
 #include "relight/relight.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
 #include <Eigen/Geometry>
 
-#include <algorithm>
 #include <bit>
-#include <cmath>
-#include <cstdint>
 #include <cstdio>
 #include <numeric>
-#include <span>
-#include <utility>
 
 #include "core/base/files.h"
 #include "core/base/json.h"
@@ -62,7 +56,7 @@ Image unpremultiplied(Image image, std::span<const float> coverage) {
 }
 
 /// EXR prescribes premultiplied alpha, PNG alpha that is not.
-void write_with_alpha(const std::filesystem::path& path, const Image& image, std::span<const float> coverage,
+void write_with_alpha(const fs::path& path, const Image& image, std::span<const float> coverage,
                       ColourSpace space) {
   Image rgba(image.width, image.height, 4);
   for (std::size_t p = 0; p < coverage.size(); ++p) {
@@ -71,7 +65,7 @@ void write_with_alpha(const std::filesystem::path& path, const Image& image, std
   }
   write_exr(path, rgba, Precision::single, space);
 }
-void write_with_alpha(const std::filesystem::path& path, const Image& straight, const ToneMapping& mapping,
+void write_with_alpha(const fs::path& path, const Image& straight, const ToneMapping& mapping,
                       std::span<const float> coverage) {
   const auto levels = tone_mapped(straight, mapping);
   ScreenImage rgba{straight.width, straight.height, 4, std::vector<std::uint8_t>(4 * coverage.size())};
@@ -129,8 +123,7 @@ void append_chunk(std::string& bytes, const char* kind, std::string content, cha
 /// glTF 2.0 (.glb), atomically: colours of vertices (COLOR_0, float) on an unlit material
 /// (KHR_materials_unlit), normals for those who want them. glTF is right-handed: z is negated and triangles
 /// are turned around. Throws DeviceError where the system refuses.
-void write_baked_mesh(const std::filesystem::path& path, const Mesh& mesh,
-                      std::span<const Eigen::Array3f> colours) {
+void write_baked_mesh(const fs::path& path, const Mesh& mesh, std::span<const Eigen::Array3f> colours) {
   const std::size_t vertices = mesh.positions.size();
   std::vector<float> colour_values;
   for (const Eigen::Array3f& colour : colours)
@@ -255,7 +248,7 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
     are_meshes.push_back(is_mesh(job));
   }
   const auto exposed = static_cast<std::size_t>(std::ranges::count_if(jobs, is_exposed));
-  const std::filesystem::path& first = jobs.front().output;
+  const fs::path& first = jobs.front().output;
   MeteredPictures pictures(field, std::move(lights),
                            (jobs.size() == 1 ? first : first.parent_path()).string(), std::move(are_meshes));
   std::optional<double> shared = exposure.factor;

@@ -1,15 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <atomic>
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <map>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"
@@ -25,7 +15,7 @@ using LightFunction = std::function<SceneLight()>;
 /// format: .exr (scene-linear, float), .png (sRGB, 8 bits) or, of a mesh, .glb (light as vertex colours).
 struct RelightJob {
   LightFunction light;
-  std::filesystem::path output;
+  fs::path output;
 };
 
 /// The factor on the radiance of PNG files, baked meshes and videos.
@@ -65,7 +55,7 @@ class VideoWriter {
  public:
   /// Frames of width × height pixels go to `file`, whose name ends in .mp4. Throws DeviceError where ffmpeg
   /// is not installed or cannot be started.
-  VideoWriter(const std::filesystem::path& file, int width, int height, double frames_per_second);
+  VideoWriter(const fs::path& file, int width, int height, double frames_per_second);
   /// Ends ffmpeg; what was written is of no use unless finish() was called.
   ~VideoWriter();
   VideoWriter(const VideoWriter&) = delete;
@@ -81,7 +71,7 @@ class VideoWriter {
   [[noreturn]] void fail();
   int wait();
 
-  std::filesystem::path file_;
+  fs::path file_;
   int pipe_ = -1;      // our end of a socket pair: ffmpeg's standard input
   int messages_ = -1;  // ffmpeg's standard error, in memory
   int process_ = -1;
@@ -91,7 +81,7 @@ class VideoWriter {
 /// are made at a time; none is kept once it is encoded. The file appears when it is complete. Throws
 /// Interrupted between frames, DeviceError where ffmpeg is missing or fails, and what the lights throw.
 ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,
-                                const std::filesystem::path& output, const VideoOptions& options,
+                                const fs::path& output, const VideoOptions& options,
                                 const RunContext& run = {});
 
 /// The scene in a picture, and what FieldPictures::background() adds to it; or what its vertices reflect.

@@ -3,14 +3,7 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
-#include <atomic>
 #include <bit>
-#include <cmath>
-#include <cstdint>
-#include <string>
-#include <utility>
 
 namespace refield {
 

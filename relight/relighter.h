@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <memory>
-#include <optional>
-#include <span>
-#include <variant>
-#include <vector>
-
 #include "core/field/reflectance_field.h"
 #include "core/field_io/packed_field.h"
 #include "core/image/image.h"

@@ -10,13 +10,9 @@
 #include <tbb/task_arena.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <cerrno>
-#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <numeric>
-#include <string>
 
 #include "core/base/files.h"
 #include "core/image/image_io.h"
@@ -89,7 +85,7 @@ namespace {
 /// The encoder's threads change what it decides, so their number is fixed: equal frames give equal files.
 constexpr const char* encoder_threads = "4";
 
-std::vector<std::string> ffmpeg_arguments(const std::filesystem::path& file, int width, int height,
+std::vector<std::string> ffmpeg_arguments(const fs::path& file, int width, int height,
                                           double frames_per_second) {
   char rate[32];
   std::snprintf(rate, sizeof rate, "%.6g", frames_per_second);
@@ -146,7 +142,7 @@ void VideoOptions::check() const {
     throw InputError("--exposure is " + std::to_string(*exposure) + "; give a number above zero");
 }
 
-VideoWriter::VideoWriter(const std::filesystem::path& file, int width, int height, double frames_per_second)
+VideoWriter::VideoWriter(const fs::path& file, int width, int height, double frames_per_second)
     : file_(file) {
   // A socket pair rather than a pipe: writing to an ffmpeg that has gone away is an error then, no signal.
   int ends[2];
@@ -212,14 +208,13 @@ void VideoWriter::fail() {
 }
 
 ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,
-                                const std::filesystem::path& output, const VideoOptions& options,
-                                const RunContext& run) {
+                                const fs::path& output, const VideoOptions& options, const RunContext& run) {
   const ThreadLimit limit(run);
   options.check();
   MeteredPictures pictures(field, lights, output.string());
   ExposureReport report;
   std::vector<double> clipped(lights.size());
-  write_atomically(output, [&](const std::filesystem::path& temporary) {
+  write_atomically(output, [&](const fs::path& temporary) {
     VideoWriter video(temporary, field.width(), field.height(), options.frames_per_second);
     const double exposure = options.exposure ? *options.exposure : pictures.sequence_exposure(run);
     report.factors = {exposure};

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdio>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "estimate/fit/vector_kernels.h"

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <memory>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "core/base/run_context.h"
 #include "core/field/light_basis.h"

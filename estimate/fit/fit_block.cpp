@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/fit_block.h"
 
-#include <Eigen/Core>
-
-#include <algorithm>
-#include <cmath>
-#include <utility>
-
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 #include "estimate/fit/sample_pooling.h"

@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <cstddef>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/fit_tuning.h"

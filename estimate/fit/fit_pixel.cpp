@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/fit_pixel.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <tuple>
 
 namespace refield {

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <functional>
-#include <span>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "core/field/predicted_error.h"
 #include "estimate/fit/tree_search.h"

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/kernel_cache.h"
 
-#include <algorithm>
-
 namespace refield {
 
 std::vector<int> split_positions(int begin, int end, EstimateMode mode) {

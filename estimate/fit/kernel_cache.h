@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <cstdint>
-#include <memory>
-#include <span>
 #include <unordered_map>
-#include <vector>
 
 #include "core/base/aligned_memory.h"
 #include "estimate/fit/box_table.h"

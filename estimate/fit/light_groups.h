@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <Eigen/Core>
 
 #include <array>
-#include <span>
-#include <vector>
 
 #include "core/image/image.h"
 

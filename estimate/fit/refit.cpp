@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/refit.h"
 
-#include <algorithm>
-#include <functional>
-#include <limits>
-
 #include "core/base/run_context.h"
 
 namespace refield {

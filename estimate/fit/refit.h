@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <functional>
-#include <span>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "estimate/fit/fit_pixel.h"
 

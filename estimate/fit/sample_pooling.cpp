@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/sample_pooling.h"
 
-#include <Eigen/Core>
-
-#include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <optional>
-#include <utility>
 
 #include "core/base/linear_algebra.h"
 #include "core/image/metrics.h"

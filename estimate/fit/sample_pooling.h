@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <functional>
-#include <span>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/refit.h"

@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/select_kernels.h"
 
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <optional>
-
 namespace refield {
 
 namespace {

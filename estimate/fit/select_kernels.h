@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
-#include <span>
-#include <vector>
 
 #include "estimate/fit/fit_tuning.h"
 #include "estimate/fit/nnls.h"

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/smooth_space.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 

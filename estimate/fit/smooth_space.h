@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <vector>
-
 #include "estimate/fit/box_table.h"
 #include "estimate/fit/vector_kernels.h"
 

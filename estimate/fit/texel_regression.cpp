@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/texel_regression.h"
 
-#include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
-#include <optional>
 
 #include "core/base/linear_algebra.h"
 #include "core/light/cube_map.h"

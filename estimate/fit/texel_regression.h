@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
-#include <array>
 #include <map>
-#include <memory>
-#include <mutex>
-#include <span>
-#include <vector>
 
 #include "core/session/capture_session.h"
 #include "estimate/fit/box_table.h"

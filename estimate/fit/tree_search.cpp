@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/tree_search.h"
 
-#include <algorithm>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <type_traits>
-
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/select_kernels.h"
 

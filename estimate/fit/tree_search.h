@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <cstddef>
-#include <span>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "estimate/fit/kernel_cache.h"
 #include "estimate/fit/nnls.h"

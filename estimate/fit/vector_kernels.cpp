@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 
 // Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.
 #undef HWY_TARGET_INCLUDE

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/weighted_fit.h"
 
-#include <algorithm>
-#include <array>
-#include <functional>
-#include <limits>
-#include <utility>
-
 #include "estimate/fit/select_kernels.h"
 
 namespace refield {

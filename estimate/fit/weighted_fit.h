@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <span>
-#include <vector>
-
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/smooth_space.h"
 

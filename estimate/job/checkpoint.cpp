@@ -3,12 +3,9 @@
 
 #include <cstring>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "estimate/job/estimate_band.h"
 
 namespace refield {
@@ -15,7 +10,7 @@ class Checkpoint {
  public:
   /// `description` is a text that names options and inputs; bands made under another description are not
   /// taken over.
-  Checkpoint(const std::filesystem::path& output, std::string description);
+  Checkpoint(const fs::path& output, std::string description);
 
   /// Throws InputError when what is there was made under another description.
   void resume() const;
@@ -32,8 +27,8 @@ class Checkpoint {
  private:
   /// The bytes of a band without their checksum, which they have; else nothing.
   std::optional<std::string> content_of(RowRange rows) const;
-  std::filesystem::path band_path(RowRange rows) const;
-  std::filesystem::path folder_;
+  fs::path band_path(RowRange rows) const;
+  fs::path folder_;
   std::string description_;
 };
 

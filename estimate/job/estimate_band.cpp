@@ -3,12 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <cmath>
-#include <memory>
-#include <optional>
-#include <utility>
-
 #include "core/base/run_context.h"
 
 namespace refield {

@@ -2,10 +2,6 @@
 #pragma once
 #include <tbb/enumerable_thread_specific.h>
 
-#include <memory>
-#include <utility>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"

@@ -1,14 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/job/estimate_job.h"
 
-#include <algorithm>
-#include <cerrno>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
-#include <string_view>
 
-#include "core/base/errors.h"
 #include "core/base/json.h"
 #include "core/light/cube_map.h"
 #include "estimate/job/estimate_band.h"
@@ -107,8 +102,6 @@ ReflectanceField FieldAssembler::take(std::vector<Box> observed_light, LightErro
   }
   return std::move(field_);
 }
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,15 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <filesystem>
 #include <map>
-#include <memory>
-#include <span>
-#include <string>
-#include <unordered_map>
-#include <utility>
-#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/drift.h"

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/job/light_tables.h"
 
-#include <algorithm>
-#include <limits>
-
 #include "core/base/linear_algebra.h"
 #include "estimate/quality/error_evidence.h"
 

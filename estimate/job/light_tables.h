@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <optional>
-
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "estimate/fit/box_table.h"

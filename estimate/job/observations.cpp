@@ -6,11 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <functional>
 #include <limits>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"

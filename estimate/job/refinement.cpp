@@ -1,11 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/job/refinement.h"
 
-#include <algorithm>
-#include <set>
-#include <string>
-
-#include "core/base/errors.h"
 #include "core/base/json.h"
 #include "core/field_io/reflectance_field_file.h"
 
@@ -14,7 +9,7 @@ namespace refield {
 namespace {
 
 /// Names of the frames that a field was made from.
-std::set<std::string> frames_of(const ReflectanceField& field, const std::filesystem::path& path) {
+std::set<std::string> frames_of(const ReflectanceField& field, const fs::path& path) {
   const auto provenance = json_if_valid(field.provenance);
   std::set<std::string> names;
   if (provenance.is_object() && provenance.contains("frames") && provenance["frames"].is_array())
@@ -33,7 +28,7 @@ std::string size_text(int width, int height) {
 
 }  // namespace
 
-Refinement::Refinement(const std::filesystem::path& path, const CaptureSession& session,
+Refinement::Refinement(const fs::path& path, const CaptureSession& session,
                        std::span<const CaptureFrame> frames, const RunContext& run)
     : path_(path), field_(read_reflectance_field(path, run)) {
   if (field_.width != session.width || field_.height != session.height)

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
 #include <set>
-#include <span>
-#include <string>
-#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
@@ -19,20 +15,20 @@ class Refinement {
   /// Reads the field. `frames` are all training frames, its own and new ones. Throws InputError when sizes or
   /// light domain differ, when the field does not say what it was made from, when one of its frames is not
   /// among `frames`, or when none of these is new.
-  Refinement(const std::filesystem::path& field, const CaptureSession& session,
-             std::span<const CaptureFrame> frames, const RunContext& run = {});
+  Refinement(const fs::path& field, const CaptureSession& session, std::span<const CaptureFrame> frames,
+             const RunContext& run = {});
 
   /// Says which frames the images of a fit are, once some have been left out.
   void use_frames(std::span<const CaptureFrame> frames);
   /// Whether the field has not seen an image of use_frames() yet.
   bool is_new(int image) const { return is_new_[image] != 0; }
   int known_images() const { return static_cast<int>(known_names_.size()); }
-  const std::filesystem::path& path() const { return path_; }
+  const fs::path& path() const { return path_; }
   /// The rectangles that a pixel has in the field.
   std::vector<Box> boxes(std::size_t pixel) const;
 
  private:
-  std::filesystem::path path_;
+  fs::path path_;
   ReflectanceField field_;
   std::set<std::string> known_names_;
   std::vector<char> is_new_;

@@ -1,13 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/quality/error_evidence.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-
-#include <algorithm>
-#include <array>
-#include <cmath>
-#include <utility>
 
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"

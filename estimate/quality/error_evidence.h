@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <array>
-#include <map>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "estimate/fit/fit_block.h"

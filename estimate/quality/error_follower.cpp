@@ -4,13 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <Eigen/LU>
-#include <algorithm>
-#include <cmath>
-#include <limits>
-#include <memory>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 #include "core/field/light_error.h"
 #include "core/image/image_io.h"

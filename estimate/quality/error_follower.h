@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-#include <array>
-#include <optional>
-#include <utility>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/predicted_error.h"
 #include "core/light/light_map.h"

@@ -3,15 +3,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <optional>
-#include <span>
-#include <stdexcept>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 #include "core/base/run_context.h"
@@ -86,7 +80,7 @@ void require_measured_channels(const EstimateJob& job, const PixelSample& sample
 /// A photograph or light map that changed since it was taken changes the field.
 void require_intact(const EstimateJob& job, const RunContext& run) {
   const auto files = journal_files(job.session);
-  std::vector<std::filesystem::path> paths;
+  std::vector<fs::path> paths;
   for (const auto* frames : {&job.frames, &job.references})
     for (const CaptureFrame& frame : *frames) {
       paths.push_back(frame.illumination);
@@ -376,9 +370,9 @@ struct FrameCheck {
 };
 
 /// Nothing where the file is not there, damaged or of other inputs: the frames are checked again then.
-std::optional<FrameCheck> read_frame_check(const std::filesystem::path& file, const EstimateJob& job,
+std::optional<FrameCheck> read_frame_check(const fs::path& file, const EstimateJob& job,
                                            const std::string& key) try {
-  if (!std::filesystem::exists(file)) return std::nullopt;
+  if (!fs::exists(file)) return std::nullopt;
   const auto json = json_from_text(read_text(file));
   if (json.at("job") != key) return std::nullopt;
   FrameCheck check;
@@ -479,8 +473,8 @@ std::string frame_check_text(const EstimateJob& job, const FrameReport& report, 
   return json_text(json, 1) + "\n";
 }
 
-FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
-                              const std::filesystem::path& file, const RunContext& run) {
+FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options, const fs::path& file,
+                              const RunContext& run) {
   const std::string key = frame_check_key(job, options);
   if (auto check = read_frame_check(file, job, key)) {
     check->report.drift = job.drift;

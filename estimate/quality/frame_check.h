@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <string>
-
 #include "core/base/run_context.h"
 #include "estimate/estimate.h"
 #include "estimate/job/estimate_job.h"
@@ -24,7 +21,7 @@ std::string frame_check_key(const EstimateJob& job, const EstimateOptions& optio
 
 /// check_frames() of a shard: for small shards most of the work, and the same for all of them. Takes the
 /// findings from `file` where they are those of the same inputs and options, else checks and writes the file.
-FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options,
-                              const std::filesystem::path& file, const RunContext& run = {});
+FrameReport check_frames_once(EstimateJob& job, const EstimateOptions& options, const fs::path& file,
+                              const RunContext& run = {});
 
 }  // namespace refield

@@ -6,9 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/rng.h"
 #include "core/light/summed_area_table.h"
 

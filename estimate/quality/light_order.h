@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <span>
-#include <vector>
-
 #include "core/light/light_map.h"
 
 namespace refield {

@@ -3,17 +3,10 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
-#include <Eigen/Cholesky>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <limits>
-#include <optional>
-#include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"

@@ -1,15 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <array>
-#include <cstddef>
-#include <filesystem>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"
 #include "core/light/light_map.h"

@@ -4,14 +4,10 @@
 #include <tbb/parallel_for.h>
 
 #include <Eigen/LU>
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
 #include <numeric>
-#include <optional>
-#include <utility>
 
 #include "core/base/aligned_memory.h"
 #include "core/base/linear_algebra.h"

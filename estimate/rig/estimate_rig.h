@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/image/metrics.h"
 #include "core/session/capture_session.h"

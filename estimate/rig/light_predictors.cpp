@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/rig/light_predictors.h"
 
-#include <Eigen/Cholesky>
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 

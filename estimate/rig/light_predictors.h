@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <array>
-#include <span>
-#include <vector>
-
 #include "estimate/quality/outlier_frames.h"
 
 namespace refield {

@@ -2,11 +2,8 @@
 // The pairing of photographs and lights that the photographs prefer.
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Cholesky>
-#include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <optional>
 
 #include "core/base/rng.h"
 #include "estimate/rig/estimate_rig.h"

@@ -7,7 +7,6 @@
 #include <limits>
 #include <map>
 
-#include "core/base/errors.h"
 #include "core/base/files.h"
 #include "core/base/json.h"
 
@@ -75,7 +74,7 @@ RigModel rig_from_text(const std::string& text, const std::string& name) try {
   throw InputError(name + ": is not a rig model as 'refield estimate' writes it: " + error.what());
 }
 
-RigModel read_rig(const std::filesystem::path& path) {
+RigModel read_rig(const fs::path& path) {
   return rig_from_text(read_text(path), path.string());
 }
 

@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <array>
-#include <filesystem>
-#include <string>
-#include <vector>
-
 #include "core/session/capture_session.h"
 
 namespace refield {
@@ -45,7 +37,7 @@ struct RigModel {
 std::string rig_text(const RigModel& rig);
 /// Throws InputError naming `name` for text that is not a model.
 RigModel rig_from_text(const std::string& text, const std::string& name);
-RigModel read_rig(const std::filesystem::path& path);
+RigModel read_rig(const fs::path& path);
 
 /// Gives each of the `frames` of a session the light map and the correction of the model; frames without a
 /// light map are removed. Throws InputError when the model does not have all frames, by name, or the session

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/rig/verdict.h"
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
-#include <utility>
 
 #include "core/base/json.h"
 #include "core/base/number_text.h"

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "core/base/json.h"
 #include "core/base/run_context.h"
 #include "core/session/capture_session.h"

@@ -3,15 +3,10 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <limits>
-#include <memory>
 #include <numbers>
 #include <numeric>
-#include <string>
-#include <utility>
 
 #include "core/image/image_io.h"
 #include "core/light/cube_map.h"
@@ -71,7 +66,7 @@ Parameterisation require_environment_kind(int width, int height, const std::stri
                    "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
 }
 
-LightMap read_environment(const std::filesystem::path& path, const RunContext& run) {
+LightMap read_environment(const fs::path& path, const RunContext& run) {
   const ImageHeader header = read_image_header(path);
   const Parameterisation kind = require_environment_kind(header.width, header.height, path.string() + ":");
   return read_light_map(path, kind, run, Primaries::rec709);

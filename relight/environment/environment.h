@@ -1,17 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <array>
-#include <cstdint>
-#include <filesystem>
-#include <memory>
-#include <optional>
-#include <span>
-#include <string>
-#include <utility>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/light_basis.h"
 #include "core/field/transfer_tiles.h"
@@ -124,7 +112,7 @@ Parameterisation require_environment_kind(int width, int height, const std::stri
 
 /// Reads a map of the whole environment: twice as wide as high is lat-long, six times as high as wide a
 /// cube. Throws InputError for other proportions, and what read_light_map() does.
-LightMap read_environment(const std::filesystem::path& path, const RunContext& run = {});
+LightMap read_environment(const fs::path& path, const RunContext& run = {});
 
 struct EnvironmentLight {
   LightMap light;

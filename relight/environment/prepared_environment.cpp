@@ -5,9 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <numbers>
-#include <optional>
 #include <utility>
 
 #include "core/light/cube_map.h"

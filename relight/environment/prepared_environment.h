@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <tbb/collaborative_call_once.h>
-#include <Eigen/Core>
 
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <type_traits>
-#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/light/light_map.h"

@@ -2,12 +2,7 @@
 #include "relight/environment/environment.h"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <string>
-#include <vector>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 
 namespace refield {

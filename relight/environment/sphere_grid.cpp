@@ -4,11 +4,7 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <string>
 
-#include "core/base/errors.h"
 #include "core/base/units.h"
 
 namespace refield {

@@ -4,8 +4,6 @@
 #include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
 #include <numbers>
 

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/pack/pack.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 #include <unordered_map>
-#include <utility>
 
 #include "core/base/json.h"
 #include "relight/tiles/tiled_transfer.h"

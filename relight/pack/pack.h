@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstddef>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "core/field_io/packed_field.h"

@@ -4,10 +4,7 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <utility>
 
 #include "core/base/rng.h"
 #include "core/base/run_context.h"

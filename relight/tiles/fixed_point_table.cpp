@@ -3,13 +3,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
-#include <span>
-#include <vector>
 
-#include "core/base/errors.h"
 #include "relight/tiles/tile_vectors.h"
 
 // Highway compiles the part between BEFORE and AFTER once for each instruction set and picks one at run time.

@@ -4,9 +4,6 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
-#include <atomic>
 #include <bit>
 #include <cmath>
 

@@ -5,7 +5,6 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <cstring>
 
 #include "core/image/colour.h"

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <cstdint>
-#include <span>
-#include <vector>
-
 #include "core/base/aligned_memory.h"
 #include "core/field/transfer_tiles.h"
 #include "core/image/image.h"

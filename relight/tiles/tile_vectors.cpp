@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/tiles/tile_vectors.h"
 
-#include <algorithm>
-
 // Vectors of four floats on any machine. Highway goes without them under GCC 12, whose bug 106322 (products'
 // upper halves) does not concern what is used here.
 #define HWY_BROKEN_EMU128 0

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstddef>
-#include <cstdint>
-#include <span>
-#include <vector>
-
 #include "core/light/light_map.h"
 #include "relight/tiles/tiled_transfer.h"
 

@@ -4,15 +4,9 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <atomic>
 #include <cmath>
-#include <cstdint>
-#include <limits>
 #include <numeric>
-#include <string>
 #include <tuple>
-#include <vector>
 
 namespace refield {
 

@@ -1,15 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -25,8 +15,8 @@ struct WindowOptions {
 
 /// Opens a window on a field, with a light map to begin with, and returns when it is closed. Throws
 /// DeviceError where there is no display or no OpenGL 3.3 and what the readers of field and light throw.
-void run_viewer(const std::filesystem::path& field, const std::optional<std::filesystem::path>& light,
-                const WindowOptions& options, const RunContext& run);
+void run_viewer(const fs::path& field, const std::optional<fs::path>& light, const WindowOptions& options,
+                const RunContext& run);
 
 /// An object or an area light.
 struct SceneThing {

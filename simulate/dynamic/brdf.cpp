@@ -2,7 +2,6 @@
 #include "simulate/dynamic/brdf.h"
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
 
 #include "core/base/errors.h"

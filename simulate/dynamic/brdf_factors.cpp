@@ -2,11 +2,8 @@
 #include "simulate/dynamic/brdf_factors.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <numbers>
 
 #include "core/base/linear_algebra.h"

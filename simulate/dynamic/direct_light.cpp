@@ -2,11 +2,7 @@
 #include "simulate/dynamic/dynamic_light.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Geometry>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <numeric>
 
 #include "simulate/dynamic/brdf.h"

@@ -3,9 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <chrono>
-
 #include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {

@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <cstdint>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "simulate/dynamic/brdf_factors.h"
 #include "simulate/dynamic/dynamic_scene.h"
 #include "simulate/dynamic/glossy_sums.h"

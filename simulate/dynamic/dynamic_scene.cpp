@@ -2,19 +2,12 @@
 #include "simulate/dynamic/dynamic_scene.h"
 
 #include <algorithm>
-#include <array>
-#include <cmath>
-#include <limits>
-#include <span>
-#include <string>
 
 #include "core/base/config_file.h"
 #include "simulate/geometry/place_mesh.h"
 #include "simulate/geometry/scene_description.h"
 
 namespace refield::dynamic {
-
-namespace fs = std::filesystem;
 
 namespace {
 

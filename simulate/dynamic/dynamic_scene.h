@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Geometry>
-
-#include <cstdint>
-#include <filesystem>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "simulate/dynamic/brdf.h"
@@ -85,7 +76,7 @@ struct DynamicScene {
 
 /// Reads a scene's description (TOML, docs/reference/scene-files.md). Throws InputError or FormatError,
 /// naming the file.
-DynamicScene read_dynamic_scene(const std::filesystem::path& path, const RunContext& run);
+DynamicScene read_dynamic_scene(const fs::path& path, const RunContext& run);
 
 /// All objects in place, joined into one mesh, object after object.
 Mesh joined_mesh(const DynamicScene& scene, std::span<const Pose> poses);

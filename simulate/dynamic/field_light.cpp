@@ -2,13 +2,6 @@
 #include "simulate/dynamic/dynamic_light.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
-
-#include <algorithm>
-#include <cmath>
-#include <cstddef>
-#include <numbers>
-#include <span>
 
 #include "core/light/harmonics.h"
 #include "simulate/dynamic/brdf.h"

@@ -3,11 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <optional>
-
 #include "simulate/dynamic/brdf.h"
 
 namespace refield::dynamic {

@@ -2,13 +2,6 @@
 #include "simulate/dynamic/object_transport.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Core>
-#include <Eigen/Geometry>
-
-#include <algorithm>
-#include <cmath>
-#include <numbers>
-#include <span>
 
 #include "core/base/linear_algebra.h"
 #include "simulate/dynamic/brdf.h"

@@ -3,10 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
-
 #include "core/base/linear_algebra.h"
 #include "core/base/rng.h"
 #include "simulate/dynamic/brdf.h"

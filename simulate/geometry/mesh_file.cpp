@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/geometry/mesh_file.h"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numeric>
 
@@ -13,8 +10,6 @@
 #include "simulate/geometry/place_mesh.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <filesystem>
-#include <optional>
 #include <span>
-#include <vector>
 
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
@@ -58,7 +52,7 @@ inline constexpr float max_roughness = 0.9f;
 /// colour of vertex_materials(), which metallic-roughness shares out (glTF 2.0, appendix B): with m the
 /// metallic factor, lobe F0 = (1 − m) specular + m base and colour = (1 − m) (1 − specular) base. Throws as
 /// import_mesh(), and FormatError where no triangle is left.
-MeshFile read_mesh_file(const std::filesystem::path& path, const MeshFileOptions& options = {},
+MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options = {},
                         const RunContext& run = {});
 
 /// The material at a vertex, by glTF 2.0 (appendix B): metallic-roughness. All in [0, 1], colours linear RGB.
@@ -74,7 +68,7 @@ struct VertexMaterial {
 /// mesh does not alias; the roughness is then averaged over each material. Textures repeat. One that cannot
 /// be read counts as white; run.note tells so, and what else of the materials is not read. Factors outside
 /// [0, 1] are clamped, those that are not finite are 0.
-std::vector<VertexMaterial> vertex_materials(const ImportedMesh& mesh, const std::filesystem::path& path,
+std::vector<VertexMaterial> vertex_materials(const ImportedMesh& mesh, const fs::path& path,
                                              const RunContext& run);
 
 }  // namespace refield::prt

@@ -4,24 +4,19 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
-#include <functional>
 #include <iomanip>
 #include <iterator>
 #include <map>
-#include <optional>
 #include <span>
 #include <sstream>
 #include <utility>
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <filesystem>
-#include <stdexcept>
-#include <string>
 #include <string_view>
-#include <vector>
 
 #include "simulate/geometry/mesh_import.h"
 
@@ -21,7 +17,7 @@ void append_polygon(std::vector<std::uint32_t> corners, ImportedMesh& mesh);
 
 /// The index in mesh.textures of an image file that the mesh file `path` names, in its folder or below; −1
 /// where it is not there.
-std::int32_t texture_beside(const std::filesystem::path& path, std::string name, ImportedMesh& mesh);
+std::int32_t texture_beside(const fs::path& path, std::string name, ImportedMesh& mesh);
 
 /// Of what is no metal, at normal incidence: index of refraction 1.5 (glTF 2.0, appendix B).
 inline constexpr float dielectric_reflectance = 0.04f;
@@ -40,18 +36,17 @@ struct TexturePlacement {
 /// encodings (Turk 1994; polygons, strips and fans), OFF and its variants (Geomview) but four-dimensional and
 /// binary ones, OBJ with polygons, and MTL (Ramey et al. 1995) with the extension for metallic-roughness.
 /// `bytes`: the file. Throws MeshFault.
-ImportedMesh read_ply(std::string_view bytes, const std::filesystem::path& path);
+ImportedMesh read_ply(std::string_view bytes, const fs::path& path);
 ImportedMesh read_off(std::string_view bytes);
-ImportedMesh read_obj(std::string_view bytes, const std::filesystem::path& path);
+ImportedMesh read_obj(std::string_view bytes, const fs::path& path);
 
 /// A mesh file's extension in lower case, without the dot.
-std::string mesh_format_of(const std::filesystem::path& path);
+std::string mesh_format_of(const fs::path& path);
 
 /// Whether `file` is a regular one in the folder of the mesh file `mesh` or below, symbolic links followed: a
 /// mesh from elsewhere shall not make this program read other files of the user, nor wait for a pipe. Where
 /// it is there and is not, `refused` says why.
-bool may_be_read_for(const std::filesystem::path& mesh, const std::filesystem::path& file,
-                     std::string* refused = nullptr);
+bool may_be_read_for(const fs::path& mesh, const fs::path& file, std::string* refused = nullptr);
 
 /// What assimp makes of the mesh file that is the only argument, as bytes for import_mesh(): 'E' and an
 /// error, or 'M' and the arrays of ImportedMesh, each as a count and values; for textures the lengths of

@@ -6,15 +6,11 @@
 #include <cstring>
 #include <set>
 #include <sstream>
-#include <string>
-#include <string_view>
 
 #include "core/base/isolated.h"
 #include "simulate/geometry/mesh_formats.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -2,9 +2,6 @@
 #pragma once
 #include <Eigen/Core>
 #include <array>
-#include <cstdint>
-#include <filesystem>
-#include <string>
 #include <vector>
 
 #include "core/base/run_context.h"
@@ -61,7 +58,7 @@ struct ImportedMesh {
 /// How a file's vertex colours are encoded.
 enum class ColourCoding { srgb, linear };
 /// glTF prescribes linear; what writes colours into OBJ, PLY and OFF takes them from photographs.
-ColourCoding usual_colour_coding(const std::filesystem::path& path);
+ColourCoding usual_colour_coding(const fs::path& path);
 
 /// Reads OBJ, PLY, OFF, glTF and GLB, represented by the file's name, with all their parts in place.
 /// Draco-compressed glTF is read where the library was built with its decoder, as Debian's is. The library
@@ -69,6 +66,6 @@ ColourCoding usual_colour_coding(const std::filesystem::path& path);
 /// another process, with limits. run.note tells what is not read of a file.
 /// Throws FormatError for what is no mesh, breaks its format, holds coordinates that are not finite or asks
 /// for more than the limits; DeviceError where the file cannot be read.
-ImportedMesh import_mesh(const std::filesystem::path& path, const RunContext& run);
+ImportedMesh import_mesh(const fs::path& path, const RunContext& run);
 
 }  // namespace refield::prt

@@ -11,9 +11,7 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstdint>
 #include <cstring>
-#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <new>
@@ -26,8 +24,6 @@
 #include "simulate/geometry/mesh_import.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 std::string mesh_format_of(const fs::path& path) {
   std::string format = path.extension().string();

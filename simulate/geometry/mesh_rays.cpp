@@ -2,12 +2,9 @@
 #include "simulate/geometry/mesh_rays.h"
 
 #include <embree3/rtcore.h>
-#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <limits>
-#include <memory>
-#include <string>
 
 #include "core/base/errors.h"
 #include "core/base/floating_point.h"

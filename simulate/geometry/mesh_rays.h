@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <Eigen/Geometry>
 
-#include <array>
-#include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 
 #include "core/field/mesh.h"

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include <Eigen/Geometry>
-#include <cstddef>
-#include <optional>
 
 #include "core/field/mesh.h"
 #include "core/light/monitor_placement.h"

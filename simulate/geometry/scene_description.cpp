@@ -2,15 +2,12 @@
 #include "simulate/geometry/scene_description.h"
 
 #include <algorithm>
-#include <array>
 
 #include "core/base/config_file.h"
 #include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_shapes.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <filesystem>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "core/light/monitor_placement.h"
@@ -84,7 +75,7 @@ struct ObjectDescription {
   int resolution = 0;                      ///< of a built-in shape (mesh_shapes.h); 0: the shape's default
   std::vector<Eigen::Vector2d> profile{};  ///< of a lathe: (radius, height) from one end to the other
   bool smooth = true;                      ///< of a lathe: round the profile's corners (Catmull–Rom)
-  std::filesystem::path file{};            ///< of Shape::file, relative to the scene's file
+  fs::path file{};                         ///< of Shape::file, relative to the scene's file
   std::optional<prt::ColourCoding> colours{};  ///< of its vertices; none: as usual for its format
   prt::Placement place{};
 };
@@ -129,8 +120,7 @@ MaterialDescription read_material_of(ConfigSection& section, std::span<const Mat
 
 /// The mesh of read_object(), in its place and refined as the section asks for, without materials of its
 /// file. Throws what read_mesh_file() does, too.
-Mesh read_mesh(ConfigSection& section, SceneKind scene, const std::filesystem::path& folder,
-               const RunContext& run);
+Mesh read_mesh(ConfigSection& section, SceneKind scene, const fs::path& folder, const RunContext& run);
 
 struct SceneObject {
   Mesh mesh;
@@ -140,14 +130,14 @@ struct SceneObject {
 /// Reads an object with its material: read_material_of() or, for a section without the key `material`, those
 /// of the mesh's file, as colours and lobes of the vertices, by `gloss`.
 SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
-                              std::span<const MaterialDescription> materials,
-                              const std::filesystem::path& folder, prt::Gloss gloss, const RunContext& run);
+                              std::span<const MaterialDescription> materials, const fs::path& folder,
+                              prt::Gloss gloss, const RunContext& run);
 
 /// `path`, and `turns` where `with_turns`; absent, the object rests at `position`.
 Motion read_motion(ConfigSection& section, const Eigen::Vector3f& position, bool with_turns);
 
 /// Throws InputError where a scene has more triangles than a field can hold.
-void check_triangle_count(const std::filesystem::path& scene, std::size_t triangles);
+void check_triangle_count(const fs::path& scene, std::size_t triangles);
 
 /// A built-in shape about its own origin, before it is placed.
 Mesh shape_mesh(const ObjectDescription& object);

@@ -5,24 +5,17 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cmath>
 #include <map>
-#include <optional>
 #include <set>
-#include <string>
-#include <utility>
 
-#include "core/base/errors.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 #include "simulate/geometry/mesh_file.h"
 #include "simulate/geometry/mesh_formats.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 namespace {
 

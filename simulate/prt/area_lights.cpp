@@ -42,8 +42,7 @@ Mesh AreaLights::at(double time) const {
   return all;
 }
 
-AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder,
-                          const RunContext& run) {
+AreaLight read_area_light(ConfigSection& section, const fs::path& folder, const RunContext& run) {
   AreaLight light;
   section.require("radiance");
   if (section.has("path") == section.has("position"))
@@ -61,7 +60,7 @@ AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& f
   return light;
 }
 
-AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run) {
+AreaLights read_area_lights(const fs::path& path, const RunContext& run) {
   const ConfigFile file(path, "lights", "docs/reference/scene-files.md");
   file.check_names({"light"});
   AreaLights lights;

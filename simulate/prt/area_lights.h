@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Geometry>
-#include <filesystem>
-#include <optional>
-#include <vector>
-
 #include "core/base/config_file.h"
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
@@ -34,10 +29,10 @@ struct AreaLights {
 
 /// A table that describes one; files are relative to `folder`. Throws InputError or what read_mesh_file()
 /// does.
-AreaLight read_area_light(ConfigSection& section, const std::filesystem::path& folder, const RunContext& run);
+AreaLight read_area_light(ConfigSection& section, const fs::path& folder, const RunContext& run);
 
 /// Reads a description (TOML, docs/reference/scene-files.md). Throws InputError or what read_mesh_file()
 /// does.
-AreaLights read_area_lights(const std::filesystem::path& path, const RunContext& run = {});
+AreaLights read_area_lights(const fs::path& path, const RunContext& run = {});
 
 }  // namespace refield::prt

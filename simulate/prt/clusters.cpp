@@ -4,17 +4,9 @@
 #include <tbb/parallel_for.h>
 #include <Eigen/Dense>
 
-#include <algorithm>
-#include <array>
-#include <chrono>
 #include <cmath>
 #include <iterator>
-#include <limits>
-#include <memory>
-#include <numbers>
-#include <string>
 #include <unordered_map>
-#include <utility>
 
 #include "core/base/json.h"
 #include "core/base/units.h"

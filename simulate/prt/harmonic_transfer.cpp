@@ -2,16 +2,9 @@
 #include "simulate/prt/harmonic_transfer.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Geometry>
 
-#include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
-#include <limits>
-#include <memory>
 #include <numbers>
-#include <string>
 
 #include "core/base/json.h"
 #include "core/field/transfer_tiles.h"

@@ -1,11 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <span>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "core/light/harmonics.h"

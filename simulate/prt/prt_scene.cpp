@@ -1,16 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/prt/prt_scene.h"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <map>
-#include <numbers>
 #include <numeric>
-#include <span>
-#include <utility>
 
 #include "core/base/config_file.h"
 #include "core/field/transfer_tiles.h"
@@ -18,8 +12,6 @@
 #include "simulate/geometry/scene_description.h"
 
 namespace refield::prt {
-
-namespace fs = std::filesystem;
 
 namespace {
 

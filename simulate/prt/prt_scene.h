@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <filesystem>
-#include <optional>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/mesh.h"
 #include "simulate/geometry/mesh_file.h"
@@ -85,7 +76,7 @@ struct Scene {
 /// to it; or, of a mesh's own file, the mesh alone, in its own materials, else white. Materials of mesh files
 /// are read by `gloss`; Gloss::diffuse is for clusters of vertices. Throws InputError or FormatError, naming
 /// the file.
-Scene read_scene(const std::filesystem::path& path, const RunContext& run = {}, Gloss gloss = Gloss::lobes);
+Scene read_scene(const fs::path& path, const RunContext& run = {}, Gloss gloss = Gloss::lobes);
 
 /// [vertices], linear RGB: colours times their material's diffuse reflectance.
 std::vector<Eigen::Array3f> diffuse_reflectance(const Scene& scene);

@@ -2,10 +2,8 @@
 #include "simulate/prt/transfer_samples.h"
 
 #include <tbb/parallel_for.h>
-#include <Eigen/Geometry>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <numbers>

@@ -1,13 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <cstdint>
 #include <map>
-#include <optional>
-#include <span>
-#include <vector>
 
 #include "core/base/run_context.h"
 #include "simulate/geometry/mesh_rays.h"

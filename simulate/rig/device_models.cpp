@@ -5,8 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-#include <string>
 
 #include "core/base/rng.h"
 #include "simulate/tabletop/surface.h"

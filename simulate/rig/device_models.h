@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <array>
-#include <cstdint>
-#include <optional>
-#include <vector>
-
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"
 #include "core/base/units.h"

@@ -8,7 +8,6 @@
 #include <cstdio>
 #include <map>
 #include <numeric>
-#include <optional>
 
 #include "core/base/rng.h"
 #include "core/image/metrics.h"

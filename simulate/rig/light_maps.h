@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-
-#include <array>
-#include <cstdint>
-#include <functional>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/image/image.h"
 #include "core/light/light_map.h"

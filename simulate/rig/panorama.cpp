@@ -2,10 +2,7 @@
 #include "simulate/rig/light_maps.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numbers>
-#include <vector>
 
 #include "core/base/rng.h"
 #include "core/base/units.h"

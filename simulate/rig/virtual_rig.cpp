@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/rig/virtual_rig.h"
 
-#include <algorithm>
-#include <array>
 #include <bit>
-#include <cerrno>
 #include <cmath>
 #include <deque>
 #include <map>
-#include <optional>
-#include <string>
 
 #include "core/base/rng.h"
 

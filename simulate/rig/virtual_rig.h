@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <functional>
-#include <memory>
-
 #include "acquire/camera.h"
 #include "acquire/illuminator.h"
 #include "core/field/reflectance_field.h"

@@ -2,11 +2,9 @@
 #include "simulate/tabletop/light_transport.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <numbers>
-#include <string>
 
 #include "core/base/rng.h"
 #include "simulate/tabletop/surface.h"

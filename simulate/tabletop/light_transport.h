@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <Eigen/Core>
-#include <cstdint>
-#include <vector>
-
 #include "core/light/light_map.h"
 #include "simulate/tabletop/scene.h"
 

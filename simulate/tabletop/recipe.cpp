@@ -1,17 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/recipe.h"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
-#include <array>
 
 #include "core/base/config_file.h"
 #include "core/base/files.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <cstdint>
-#include <filesystem>
-#include <optional>
-#include <string>
-
 #include "core/base/units.h"
 #include "simulate/rig/device_models.h"
 #include "simulate/tabletop/scene.h"
@@ -43,8 +38,8 @@ struct RigRecipe {
 
 /// One synthetic data set, as datasets_synthetic/<name>/recipe.toml describes it.
 struct Recipe {
-  std::filesystem::path path;  ///< for messages
-  std::filesystem::path base;  ///< the recipe that it extends; empty: none
+  fs::path path;  ///< for messages
+  fs::path base;  ///< the recipe that it extends; empty: none
   std::uint64_t seed = 1;
   SceneDescription scene;
   LightPlan lights;
@@ -54,6 +49,6 @@ struct Recipe {
 /// Reads and checks a recipe, with what it does not say itself from that which it names as its `base`. Throws
 /// InputError naming the file, line, key, value and remedy; a key that is not known is an error.
 /// docs/reference/synthetic-scenes.md lists all keys.
-Recipe read_recipe(const std::filesystem::path& path);
+Recipe read_recipe(const fs::path& path);
 
 }  // namespace refield

@@ -1,12 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/scene.h"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <string>
 
 #include "core/base/units.h"
 #include "simulate/geometry/place_mesh.h"

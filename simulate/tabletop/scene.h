@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Geometry>
-
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/light/light_map.h"
 #include "core/light/monitor_placement.h"

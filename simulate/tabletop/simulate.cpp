@@ -4,9 +4,6 @@
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <chrono>
-
 #include "core/base/files.h"
 #include "core/base/rng.h"
 #include "core/base/units.h"
@@ -111,8 +108,6 @@ ReflectanceField FieldBuilder::finish() {
   for (std::uint32_t& column : field_.transfer.column) column = place[column];
   return std::move(field_);
 }
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
-#include <filesystem>
-#include <functional>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/image.h"
@@ -103,8 +96,8 @@ SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options)
 /// and, where kept, transport.rfield. A row of T is
 /// multiplied with all lights as soon as it is traced, so T need not fit into memory. Throws Interrupted when
 /// asked to stop.
-SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options,
-                                 const std::filesystem::path& folder, const RunContext& run = {});
+SimulateSummary simulate_session(const Recipe& recipe, const SimulateOptions& options, const fs::path& folder,
+                                 const RunContext& run = {});
 
 /// The transport and the ambient image alone, in memory: for tests and small experiments.
 struct TracedScene {

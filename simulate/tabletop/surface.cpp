@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/tabletop/surface.h"
 
-#include <Eigen/Geometry>
-
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <numbers>
 
 #include "core/base/rng.h"

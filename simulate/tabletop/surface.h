@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <optional>
-
 #include "simulate/tabletop/scene.h"
 
 namespace refield {

@@ -14,7 +14,7 @@ import subprocess
 import sys
 
 root = pathlib.Path(__file__).resolve().parents[2]
-FOLDERS = ["acquire", "cli", "core", "library", "python"]
+FOLDERS = ["acquire", "cli", "core", "estimate", "library", "python", "relight", "simulate"]
 INCLUDE = re.compile(r'^#include ([<"])([^>"]+)[>"][^\n]*\n', re.M)
 EVERYWHERE = ("core/base/errors.h", "include/refield/run_context.h")
 

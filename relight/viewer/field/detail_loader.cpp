@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/field/view_state.h"
 
-#include <algorithm>
-#include <cmath>
-#include <utility>
-
 namespace refield {
 
 namespace {

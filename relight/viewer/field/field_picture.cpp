@@ -3,10 +3,6 @@
 
 #include <Eigen/Geometry>
 
-#include <algorithm>
-#include <cmath>
-#include <utility>
-
 #include "core/field/light_error.h"
 #include "core/image/tone_map.h"
 

@@ -5,17 +5,11 @@
 
 #include <GLFW/glfw3.h>
 
-#include <algorithm>
-#include <cmath>
-#include <utility>
-
 #include "core/base/number_text.h"
 #include "core/field_io/reflectance_field_file.h"
 #include "relight/environment/environment.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

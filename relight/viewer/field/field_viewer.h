@@ -1,13 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <filesystem>
-#include <functional>
-#include <memory>
-#include <optional>
-#include <string>
-#include <vector>
-
 #include "relight/viewer/field/view_state.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/viewer_window.h"
@@ -16,7 +8,7 @@ namespace refield {
 
 /// A light map, read and ready to go behind the light sources.
 struct OpenedLight {
-  std::filesystem::path file;
+  fs::path file;
   LightMap map;                                            ///< that fits the field; empty for environments
   std::shared_ptr<const PreparedEnvironment> environment;  ///< instead
   std::shared_ptr<const EnvironmentProjector> projector;   ///< of it
@@ -25,7 +17,7 @@ struct OpenedLight {
 
 /// What a file held: a field or, with `state` null, a light map.
 struct OpenedFile {
-  std::filesystem::path file;
+  fs::path file;
   std::unique_ptr<ViewState> state = nullptr;
   std::optional<OpenedLight> light = std::nullopt;  ///< with a field, too: the one to begin with
 };
@@ -52,7 +44,7 @@ class FieldViewer final : public ViewerWindow {
   /// Moves what is in motion: light sources sweep, the map turns.
   void advance(double seconds) override;
   /// Begins to read a field (.rfield) or a light map in the background; what was being read is given up.
-  void open(const std::filesystem::path& file) override;
+  void open(const fs::path& file) override;
   void draw_controls(const Area& area) override;
   Refreshed refresh() override;
   void draw_over_picture() override;
@@ -61,7 +53,7 @@ class FieldViewer final : public ViewerWindow {
   std::vector<Shortcut> shortcuts() override;
   void pick(const PixelPosition& pixel) override { state_->pick(pixel); }
   void deselect() override;
-  void save(const std::filesystem::path& file) override;
+  void save(const fs::path& file) override;
 
   void show_light(OpenedLight opened);
   void show_opened(OpenedFile opened);
@@ -95,10 +87,10 @@ class FieldViewer final : public ViewerWindow {
   Point fraction_at(const Point& window) const;
   Point window_at(double x, double y) const;
 
-  std::filesystem::path field_file_;
+  fs::path field_file_;
   std::vector<MonitorPlacement> monitors_;  // in place of those of fields; empty: theirs
   std::string light_name_;                  // of the map behind the light sources; empty: none
-  std::filesystem::path light_file_;
+  fs::path light_file_;
   std::unique_ptr<ViewState> state_;
 
   std::unique_ptr<BackgroundJob<OpenedFile>> opening_;  // the file that is being read

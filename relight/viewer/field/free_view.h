@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
 #include <chrono>
-#include <functional>
-#include <memory>
 
 #include "core/field/mesh.h"
 #include "relight/mesh/mesh_view.h"

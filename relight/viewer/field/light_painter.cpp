@@ -5,9 +5,7 @@
 #include <Eigen/Geometry>
 
 #include <algorithm>
-#include <cmath>
 #include <numbers>
-#include <utility>
 
 #include "core/image/image.h"
 #include "core/light/cube_map.h"

@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 
-#include <imgui.h>
-
-#include <algorithm>
-#include <cmath>
-#include <string>
-
-#include "core/base/errors.h"
 #include "core/base/number_text.h"
 #include "core/image/tone_map.h"
 #include "relight/viewer/field/field_viewer.h"
@@ -235,7 +228,7 @@ void FieldViewer::draw_controls(const Area& area) {
   begin_panel("##controls", rest, true);
   if (button("Open"))
     dialog.emplace(FileDialog::Purpose::open,
-                   std::filesystem::absolute(light_file_.empty() ? field_file_ : light_file_).parent_path());
+                   fs::absolute(light_file_.empty() ? field_file_ : light_file_).parent_path());
   ImGui::SameLine();
   window_buttons();
   picture_section();

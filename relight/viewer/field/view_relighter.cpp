@@ -3,10 +3,6 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
-#include <chrono>
-#include <utility>
-
 #include "core/base/units.h"
 #include "relight/viewer/gui/background_job.h"
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/field/view_state.h"
 
-#include <utility>
-
 #include "core/base/units.h"
 #include "core/image/tone_map.h"
 

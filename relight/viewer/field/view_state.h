@@ -1,12 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <chrono>
-#include <cstdint>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field/field_statistics.h"
 #include "core/field/reflectance_field.h"

@@ -2,16 +2,11 @@
 #pragma once
 #include <tbb/task_group.h>
 
-#include <atomic>
-#include <chrono>
 #include <exception>
-#include <functional>
 #include <future>
-#include <optional>
 #include <thread>
 #include <utility>
 
-#include "core/base/errors.h"
 #include "core/base/run_context.h"
 
 namespace refield {

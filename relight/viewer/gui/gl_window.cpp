@@ -8,13 +8,9 @@
 #include <GL/glext.h>
 #include <GLFW/glfw3.h>
 #include <backends/imgui_impl_opengl3.h>
-#include <imgui.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
-#include <filesystem>
-#include <utility>
 
 #include "core/base/number_text.h"
 #include "relight/viewer/gui/widgets.h"
@@ -38,7 +34,7 @@ void load_font(float scale) {
        {"/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf",
         "/usr/share/fonts/dejavu-sans-fonts/DejaVuSans.ttf", "/usr/share/fonts/TTF/DejaVuSans.ttf",
         "/usr/share/fonts/truetype/liberation/LiberationSans-Regular.ttf"})
-    if (std::filesystem::exists(file) &&
+    if (fs::exists(file) &&
         io.Fonts->AddFontFromFileTTF(file, font_size_px * scale, nullptr, signs) != nullptr)
       return;
   io.FontGlobalScale = scale;
@@ -102,10 +98,9 @@ void on_character(GLFWwindow* window, unsigned code_point) {
 
 void on_drop(GLFWwindow* window, int count, const char** files) {
   Input& input = input_of(window);
-  input.queue.push(
-      {InputEvent::Kind::other, [&input, dropped = std::vector<std::filesystem::path>(files, files + count)] {
-         input.frame.dropped.insert(input.frame.dropped.end(), dropped.begin(), dropped.end());
-       }});
+  input.queue.push({InputEvent::Kind::other, [&input, dropped = std::vector<fs::path>(files, files + count)] {
+                      input.frame.dropped.insert(input.frame.dropped.end(), dropped.begin(), dropped.end());
+                    }});
 }
 
 /// Keys that text fields need, under the numbers that GLFW gives them.

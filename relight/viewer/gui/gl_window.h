@@ -1,15 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <cstdint>
 #include <deque>
-#include <filesystem>
-#include <functional>
 #include <memory>
-#include <span>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "core/image/image_io.h"
 
@@ -53,7 +45,7 @@ struct PressedKey {
 /// What a frame is to act on, beside mouse and text, which Dear ImGui takes.
 struct FrameInput {
   std::vector<PressedKey> keys;  ///< without Control
-  std::vector<std::filesystem::path> dropped;
+  std::vector<fs::path> dropped;
 };
 
 /// A window with OpenGL 3.3 and Dear ImGui: collects input, draws frames. One at a time.

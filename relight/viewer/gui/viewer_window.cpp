@@ -4,12 +4,8 @@
 #define GLFW_INCLUDE_NONE
 
 #include <GLFW/glfw3.h>
-#include <imgui.h>
 
-#include <algorithm>
 #include <cmath>
-#include <string_view>
-#include <utility>
 
 #include "core/base/number_text.h"
 #include "core/image/image_io.h"
@@ -17,8 +13,6 @@
 #include "relight/viewer/gui/widgets.h"
 
 namespace refield {
-
-namespace fs = std::filesystem;
 
 namespace {
 

@@ -1,17 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <array>
-#include <chrono>
-#include <deque>
-#include <filesystem>
-#include <functional>
-#include <memory>
-#include <optional>
-#include <span>
-#include <string>
-#include <vector>
-
 #include "core/base/run_context.h"
 #include "core/field_io/field_sampler.h"
 #include "core/image/colour.h"
@@ -35,16 +23,16 @@ struct Notice {
 struct FileDialog {
   enum class Purpose { open, save };
 
-  FileDialog(Purpose wanted, const std::filesystem::path& start);
+  FileDialog(Purpose wanted, const fs::path& start);
   /// Lists a folder: its folders and what can be opened (fields, images), sorted, hidden ones left out. One
   /// that cannot be read is empty.
-  void go_to(const std::filesystem::path& wanted);
+  void go_to(const fs::path& wanted);
   /// As if a user had typed it.
   void type(const std::string& text);
 
   Purpose purpose;
-  std::filesystem::path folder;  ///< absolute
-  std::vector<std::filesystem::path> folders, files;
+  fs::path folder;  ///< absolute
+  std::vector<fs::path> folders, files;
   std::array<char, 4096> typed{};
   bool is_new = true;  ///< not yet drawn
 };
@@ -107,7 +95,7 @@ class ViewerWindow {
   virtual bool is_busy() const { return false; }
   virtual void advance(double seconds) = 0;
   /// A file that was dropped or chosen.
-  virtual void open(const std::filesystem::path& file) = 0;
+  virtual void open(const fs::path& file) = 0;
   virtual void draw_controls(const Area& area) = 0;
   /// Brings what is shown up to date.
   virtual Refreshed refresh() = 0;
@@ -128,10 +116,10 @@ class ViewerWindow {
   /// Lets go of one thing.
   virtual void deselect() = 0;
   /// Writes what write_picture() does of the picture at rest.
-  virtual void save(const std::filesystem::path& file) = 0;
+  virtual void save(const fs::path& file) = 0;
 
   /// Writes a picture as it is (.exr) or tone-mapped (.png), and says so. Throws InputError for other files.
-  void write_picture(const std::filesystem::path& file, const ToneMapping& mapping,
+  void write_picture(const fs::path& file, const ToneMapping& mapping,
                      ColourSpace space = ColourSpace::camera);
 
   // Parts of the controls.

@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/gui/widgets.h"
 
-#include <imgui.h>
-
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include "core/image/tone_map.h"
 

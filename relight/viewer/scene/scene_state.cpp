@@ -3,10 +3,7 @@
 
 #include <Eigen/Geometry>
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <utility>
 
 #include "core/image/tone_map.h"
 

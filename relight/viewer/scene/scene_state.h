@@ -1,14 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-
-#include <Eigen/Core>
-
-#include <cstdint>
-#include <memory>
-#include <optional>
-#include <span>
-#include <vector>
-
 #include "core/field/mesh.h"
 #include "core/image/image.h"
 #include "core/image/tone_map.h"

@@ -2,14 +2,8 @@
 #define GLFW_INCLUDE_NONE
 
 #include <GLFW/glfw3.h>
-#include <imgui.h>
 
 #include <cmath>
-#include <filesystem>
-#include <memory>
-#include <string>
-#include <utility>
-#include <vector>
 
 #include "relight/viewer/gui/viewer_window.h"
 #include "relight/viewer/gui/widgets.h"
@@ -46,10 +40,10 @@ class SceneViewer final : public ViewerWindow {
            "objects with a click first. Drag elsewhere to rotate the scene, wheel to zoom, right button to "
            "pan.";
   }
-  void open(const std::filesystem::path&) override {
+  void open(const fs::path&) override {
     complain("Files cannot be dropped onto a dynamic scene; open them with 'refield view'");
   }
-  void save(const std::filesystem::path& file) override {
+  void save(const fs::path& file) override {
     state_.view().settle();
     state_.refresh();
     write_picture(file, state_.tone());
