@@ -152,6 +152,7 @@ bool ScreenReader::borrow() {
     borrowed_->descriptor =
         static_cast<int>(::syscall(SYS_pidfd_getfd, borrowed_->process, holder->second, 0));
   const bool ready = borrowed_->descriptor >= 0 &&
+                     drmSetClientCap(borrowed_->descriptor, DRM_CLIENT_CAP_ATOMIC, 1) == 0 &&
                      drmSetClientCap(borrowed_->descriptor, DRM_CLIENT_CAP_WRITEBACK_CONNECTORS, 1) == 0 &&
                      borrowed_->find_display() && borrowed_->width == width_ &&
                      borrowed_->height == height_ && borrowed_->make_buffer();

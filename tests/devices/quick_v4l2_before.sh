@@ -1,0 +1,1 @@
+guided_v4l2_before.sh
