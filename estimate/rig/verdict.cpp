@@ -37,7 +37,7 @@ std::string remedy_of(const std::string& effect, State state) {
   };
   static constexpr std::array<Remedy, 6> remedies{{
       {"pairing", "leave the correction on, or name photographs and lights alike",
-       "import the photographs again in the order of the lights"},
+       "see that the patterns light the scene, and import the photographs again in the order of the lights"},
       {"motion", "leave the correction on, or fix the camera and photograph again from there",
        "fix the camera and photograph again from there"},
       {"colour", "leave the correction on: relit pictures keep the colours of the camera",

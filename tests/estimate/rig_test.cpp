@@ -470,38 +470,52 @@ TEST(Rig, RandomPairsAreLeftAsTheyAre) {
   EXPECT_EQ(capture.finding().state, RigFinding::State::unusable);
 }
 
+/// What is found of the pairs of photographs and lights of white noise. A pixel sees two texels; or, where
+/// the patterns were not shown, nothing but a steady room.
+RigFinding pairs_of_white_noise(int images, bool is_lit) {
+  constexpr int columns = 12, rows = 8, side_px = 16;
+  std::vector<Image> lights, photographs;
+  CaptureSession session;
+  session.width = session.height = side_px;
+  session.light = {columns, rows, Parameterisation::monitor};
+  for (int j = 0; j < images; ++j) {
+    Rng rng(3, static_cast<std::uint64_t>(j));
+    Image& light = lights.emplace_back(columns, rows, 3);
+    for (float& value : light.values) value = static_cast<float>(rng.uniform());
+    Image& photograph = photographs.emplace_back(side_px, side_px, 3, is_lit ? 0.0f : 1.0f);
+    for (int p = 0; p < side_px * side_px; ++p) {
+      Rng of_pixel(4, static_cast<std::uint64_t>(p));
+      for (int texel = 0; texel < (is_lit ? 2 : 0); ++texel) {
+        const std::uint64_t seen = of_pixel.below(columns * rows);
+        for (int c = 0; c < 3; ++c) photograph.values[3 * p + c] += light.values[3 * seen + c];
+      }
+      for (int c = 0; c < 3; ++c) photograph.values[3 * p + c] *= static_cast<float>(1 + 0.01 * rng.normal());
+    }
+  }
+  for (int j = 0; j < images; ++j)
+    session.frames.emplace_back().views = {
+        lights[static_cast<std::size_t>(j)], photographs[static_cast<std::size_t>(j)], {}};
+  const auto sample = read_pixel_sample(session.frames, side_px, side_px, {}, INFINITY, {});
+  RigFinding finding;
+  const auto light_of = find_pairing(light_features(session.frames, session.light, {}), sample,
+                                     session.frames, false, finding, {});
+  EXPECT_TRUE(light_of.empty()) << images;
+  return finding;
+}
+
 // Lights of white noise have only their mean in common, which fits any photograph.
 TEST(Rig, WhiteNoiseDoesNotMakeRightPairsUnusable) {
-  constexpr int columns = 12, rows = 8, side_px = 16;
   for (const int images : {90, 120}) {
-    std::vector<Image> lights, photographs;
-    CaptureSession session;
-    session.width = session.height = side_px;
-    session.light = {columns, rows, Parameterisation::monitor};
-    for (int j = 0; j < images; ++j) {
-      Rng rng(3, static_cast<std::uint64_t>(j));
-      Image& light = lights.emplace_back(columns, rows, 3);
-      for (float& value : light.values) value = static_cast<float>(rng.uniform());
-      Image& photograph = photographs.emplace_back(side_px, side_px, 3);
-      for (int p = 0; p < side_px * side_px; ++p) {
-        Rng of_pixel(4, static_cast<std::uint64_t>(p));
-        for (int texel = 0; texel < 2; ++texel) {
-          const std::uint64_t seen = of_pixel.below(columns * rows);
-          for (int c = 0; c < 3; ++c) photograph.values[3 * p + c] += light.values[3 * seen + c];
-        }
-        for (int c = 0; c < 3; ++c)
-          photograph.values[3 * p + c] *= static_cast<float>(1 + 0.01 * rng.normal());
-      }
-    }
-    for (int j = 0; j < images; ++j)
-      session.frames.emplace_back().views = {
-          lights[static_cast<std::size_t>(j)], photographs[static_cast<std::size_t>(j)], {}};
-    const auto sample = read_pixel_sample(session.frames, side_px, side_px, {}, INFINITY, {});
-    RigFinding finding;
-    const auto light_of = find_pairing(light_features(session.frames, session.light, {}), sample,
-                                       session.frames, false, finding, {});
-    EXPECT_TRUE(light_of.empty()) << images;
+    const RigFinding finding = pairs_of_white_noise(images, true);
     EXPECT_EQ(finding.state, RigFinding::State::good) << images << ": " << finding.measured;
+  }
+}
+
+TEST(Rig, PhotographsThatShowNoPatternAreNamed) {
+  for (const int images : {30, 90}) {
+    const RigFinding finding = pairs_of_white_noise(images, false);
+    EXPECT_EQ(finding.state, RigFinding::State::unusable) << images;
+    EXPECT_THAT(finding.measured, HasSubstr("do not change with the light")) << images;
   }
 }
 
