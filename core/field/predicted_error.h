@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <algorithm>
 #include <array>
 #include <limits>
 
@@ -86,30 +87,37 @@ struct ErrorEvidence {
 };
 
 /// Cross-validation is done on a lattice of small blocks of pixels, counted from the whole picture's corner:
-/// one in 36, which with five folds costs a seventh of the fit, and fewer in large pictures, where a few
-/// hundred tell enough.
+/// one in 36, which with five folds costs a seventh of the fit, fewer in large pictures, where a few hundred
+/// tell enough, and more in small ones, where one block of 16 pixels would decide. Pictures of fewer than 16
+/// blocks have one at most.
 class CrossValidationLattice {
  public:
   static constexpr int side_px = 4;  ///< of a block
 
   CrossValidationLattice(int width, int height) {
-    while (static_cast<long>(width / step_px()) * (height / step_px()) > max_blocks) step_ *= 2;
+    const auto blocks = [&] { return static_cast<long>(width / step_px()) * (height / step_px()); };
+    const bool is_tiny = blocks() < blocks_of_small;
+    while (step_ < 3 && blocks() > blocks_of_small) ++step_;
+    if (is_tiny || blocks() > blocks_of_small) step_ = 6;
+    while (blocks() > max_blocks) step_ *= 2;
   }
 
   int step_px() const { return side_px * step_; }
   /// Place of the lattice's i-th block in either direction, in pixels.
-  int corner(int i) const { return i * step_px() + offset * side_px; }
-  bool holds(int x, int y) const { return x / side_px % step_ == offset && y / side_px % step_ == offset; }
+  int corner(int i) const { return i * step_px() + offset() * side_px; }
+  bool holds(int x, int y) const {
+    return x / side_px % step_ == offset() && y / side_px % step_ == offset();
+  }
   /// Whether the pixel lies in a block of every second column and row of the lattice, where fits to parts of
-  /// the images are tried, too.
+  /// the images are tried, too; not in small pictures.
   bool is_for_learning(int x, int y) const {
-    return holds(x, y) && x / step_px() % 2 == 0 && y / step_px() % 2 == 0;
+    return step_ >= 6 && holds(x, y) && x / step_px() % 2 == 0 && y / step_px() % 2 == 0;
   }
 
  private:
-  static constexpr int offset = 2;
-  static constexpr long max_blocks = 600;
-  int step_ = 6;  // blocks
+  static constexpr long max_blocks = 600, blocks_of_small = 16;
+  int offset() const { return std::min(step_ / 3, 2); }
+  int step_ = 1;  // blocks
 };
 
 /// Fills predicted_error, photograph_noise, learning_curve and, for light with many degrees of freedom,

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <algorithm>
-
 #include "core/base/aligned_memory.h"
 #include "core/field/light_basis.h"
 #include "core/field/mesh.h"
