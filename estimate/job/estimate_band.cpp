@@ -94,13 +94,14 @@ class BandEstimator {
     return own.pool.pool(tile, width_, input_.height,
                          [&](int x, int y) { return active(x, y) ? samples(x, y) : PixelSamples{}; });
   }
+  bool has_few_degrees_of_freedom() const { return input_.texels && input_.texels->of_all(); }
   bool knows_error() const {
     return is_error_known(input_.table, input_.texels ? input_.texels->of_all().get() : nullptr);
   }
   FitWorker& worker() const {
     auto& own = workers_.local();
-    const bool pools = input_.noise && input_.options.mode == EstimateMode::refined &&
-                       !(input_.texels && input_.texels->of_all());
+    const bool pools =
+        input_.noise && input_.options.mode == EstimateMode::refined && !has_few_degrees_of_freedom();
     if (!own)
       own = std::make_unique<FitWorker>(input_.table, input_.options, input_.mean_square, input_.texels,
                                         pools ? *input_.noise : NoiseModel{});
@@ -274,7 +275,7 @@ void BandEstimator::cross_validate(Rows& rows, const PixelTile& block, FitWorker
       has_rectangles = has_rectangles || (in_rows(x, y) && !rows.at(x, y).is_on_cells);
   const auto pooled = pooled_samples_of(block, own);
   // A fifth of few lights is much of what they tell.
-  const bool few_degrees = input_.texels && input_.texels->of_all();
+  const bool few_degrees = has_few_degrees_of_freedom();
   const double share = share_of_cross_validation(input_.table);
   std::vector<double> validated;
   if (has_rectangles)

@@ -80,8 +80,7 @@ bool show_no_light(const PixelSample& sample) {
   double correlation = 0.0;
   std::vector<double> changes;  // relative, of each cell
   for (const PixelSample::Cell& cell : sample.cells) {
-    const auto pixels = static_cast<double>(cell.pixels.size());
-    double apart = 0.0, together = 0.0, mean = 0.0;
+    double apart = 0.0, together = 0.0, mean = 0.0, series_count = 0.0;
     for (int c = 0; c < 3; ++c) {
       ArrayXd sum = ArrayXd::Zero(sample.images);
       for (const int p : cell.pixels) {
@@ -90,13 +89,15 @@ bool show_no_light(const PixelSample& sample) {
         const ArrayXd change = series.cast<double>() - series.cast<double>().mean();
         sum += change;
         apart += change.square().sum();
-        mean += series.cast<double>().mean() / (3.0 * pixels);
+        mean += series.cast<double>().mean();
+        ++series_count;
       }
       together += sum.square().sum();
     }
+    const double pixels = series_count / 3.0;
     if (pixels < 2.0 || apart == 0.0 || !(mean > 0.0)) continue;
     correlation += (together / apart - 1.0) / (pixels - 1.0);
-    changes.push_back(std::sqrt(apart / (3.0 * pixels * sample.images)) / mean);
+    changes.push_back(std::sqrt(apart * series_count / sample.images) / mean);
   }
   if (changes.empty() || correlation > max_correlation * static_cast<double>(changes.size())) return false;
   const auto middle = changes.begin() + std::ssize(changes) / 2;
@@ -419,8 +420,9 @@ std::vector<int> find_pairing(const LightFeatures& lights, const PixelSample& sa
   const std::vector<int> light_of = pairing.result();
   const double after = relative(pairing.after());
   if (!pairing.has_changed() || (after > max_residual && after > clearly_less * relative(pairing.before()))) {
-    const bool is_noise = pairing.says_nothing() && show_no_light(sample);
-    if (!is_noise && !(pairing.says_nothing() && search.lights_predict_each_other())) return {};
+    if (!pairing.says_nothing()) return {};
+    const bool is_noise = show_no_light(sample);
+    if (!is_noise && !search.lights_predict_each_other()) return {};
     finding.state = RigFinding::State::unusable;
     finding.measured = is_noise ? "photographs do not change with the light: they differ by noise alone"
                                 : "photographs fit their light maps no better than any others";
