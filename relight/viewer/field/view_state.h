@@ -7,10 +7,10 @@
 #include "core/field_io/packed_field.h"
 #include "core/image/tone_map.h"
 #include "relight/relighter.h"
-#include "relight/viewer/field/free_view.h"
 #include "relight/viewer/field/light_painter.h"
 #include "relight/viewer/gui/background_job.h"
 #include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/free_view.h"
 
 namespace refield {
 

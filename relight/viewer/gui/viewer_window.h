@@ -5,8 +5,8 @@
 #include "core/image/colour.h"
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
-#include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/free_view.h"
 #include "relight/viewer/gui/gl_window.h"
 #include "relight/viewer/viewer.h"
 

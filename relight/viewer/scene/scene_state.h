@@ -3,8 +3,8 @@
 #include "core/field/mesh.h"
 #include "core/image/image.h"
 #include "core/image/tone_map.h"
-#include "relight/viewer/field/free_view.h"
 #include "relight/viewer/gui/canvas.h"
+#include "relight/viewer/gui/free_view.h"
 #include "relight/viewer/viewer.h"
 
 namespace refield {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "relight/viewer/field/free_view.h"
+#include "relight/viewer/gui/free_view.h"
 
 #include <gtest/gtest.h>
 
