@@ -124,8 +124,7 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
       "Prints the relative RMSE sqrt(Σ(p − o)² / Σo²) over all samples, its median and 90th percentile over "
       "the pixels, and the PSNR of the tone-mapped images (99th percentile white, sRGB). A field is compared "
       "with the photographs that it was not estimated from; the report of a field (.html) shows errors, "
-      "images, "
-      "kernels and timings. --json adds the error of each image.\n"
+      "images, kernels and timings. --json adds the error of each image.\n"
       "\n"
       "Examples:\n"
       "  refield compare scene.rfield session\n"
@@ -135,10 +134,10 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("predicted", options->predicted,
                    "Field (.rfield), or predicted images (file, quoted pattern or folder)")
       ->required();
-  verb->add_option("session", options->capture.session,
-                   "Capture session (folder) whose held-out photographs the field predicts; or observed "
-                   "images (file, quoted "
-                   "pattern or folder), paired by the text that the wildcards match or by name");
+  verb->add_option(
+      "session", options->capture.session,
+      "Capture session (folder) whose held-out photographs the field predicts; or observed images (file, "
+      "quoted pattern or folder), paired by the text that the wildcards match or by name");
   verb->add_option(
       "-o,--output", options->output,
       "Report of a field to write (.html), or image with the relative RMSE of each pixel (.exr)");
@@ -149,15 +148,13 @@ void add_compare(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("--truth", options->truth,
                    "Folder that 'refield simulate' created (or its transport.rfield): adds errors against "
                    "noise-free images");
-  verb->add_option(
-          "--pixel", options->pixels,
-          "Column,row of a pixel whose kernels the report shows; repeat the option for each (default: one "
-          "pixel per pixel class)")
+  verb->add_option("--pixel", options->pixels,
+                   "Column,row of a pixel whose kernels the report shows; repeat the option for each "
+                   "(default: one pixel per pixel class)")
       ->group(further);
   verb->add_option("--noise-scale", options->noise_scale,
                    "Noise of held-out photographs without a stored standard deviation (sigma), relative to "
-                   "the noise of "
-                   "the training images; used to check the predicted error of a field")
+                   "the noise of the training images; used to check the predicted error of a field")
       ->check(non_negative_number())
       ->capture_default_str()
       ->group(further);

@@ -52,8 +52,7 @@ void dry_run(const EstimateArguments& arguments, const Session& session, const C
   std::printf("memory: %.2f GiB of the %.1f GiB allowed\n", plan.memory_bytes / gib, arguments.memory_gib);
   std::printf(
       "time on %d threads: about %.0f s (check of frames %.1f, lights %.1f, photographs %.1f, fit %.1f; from "
-      "%d "
-      "pixels)\n",
+      "%d pixels)\n",
       plan.threads, cost.seconds(), cost.check_seconds, cost.lights_seconds, cost.photographs_seconds,
       cost.fit_seconds, cost.sampled_pixels);
 }
@@ -129,10 +128,9 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_option("session", arguments.capture.session,
                   "Capture session (folder), as written by 'refield acquire' or 'refield simulate'");
   add_capture_options(verb, arguments.capture);
-  verb.add_option(
-          "--mode", arguments.mode,
-          "Mode: refined (a smooth component plus rectangular light regions), paper (Matusik et al. 2004: "
-          "light regions only) or fast (as paper, with a faster search)")
+  verb.add_option("--mode", arguments.mode,
+                  "Mode: refined (a smooth component plus rectangular light regions), paper (Matusik et al. "
+                  "2004: light regions only) or fast (as paper, with a faster search)")
       ->capture_default_str();
   add_placement_option(
       verb, arguments.placements,
@@ -151,8 +149,7 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
   verb.add_option("--rig", arguments.rig,
                   "Correction of the rig: auto (find wrong pairs, camera motion, colour mixing, tone curve, "
                   "brightness and drift from the photographs), off, or a file (JSON) with the model of "
-                  "another run, as in "
-                  "'rig' of OUTPUT.log.json")
+                  "another run, as in 'rig' of OUTPUT.log.json")
       ->capture_default_str()
       ->group(further);
   verb.add_option("--memory", arguments.memory_gib,

@@ -34,9 +34,8 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
   if (has_window && field.monitors.size() != 1)
     throw InputError(
         options.field.string() +
-        ": does not say where the monitor stood, or names several places, and environment maps need "
-        "one; give the screen's width x height @ distance from the scene in mm by --placement "
-        "520x320@600,yaw=90");
+        ": does not say where the monitor stood, or names several places, and environment maps need one; "
+        "give the screen's width x height @ distance from the scene in mm by --placement 520x320@600,yaw=90");
   std::vector<web::PageMap> maps;
   for (const fs::path& file : expand_globs(options.environments)) {
     LightMap map = read_environment(file, run_context());
@@ -113,10 +112,10 @@ void add_export_web(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   verb->add_option("-o,--output", options->output, "Folder for the page; open its index.html in a browser")
       ->required();
-  verb->add_option("--env", options->environments,
-                   "Environment map of any size, lat-long (twice as wide as high) or cube, that the page "
-                   "offers. If the field was "
-                   "captured with a monitor, it is shown through the window of the monitor");
+  verb->add_option(
+      "--env", options->environments,
+      "Environment map of any size, lat-long (twice as wide as high) or cube, that the page offers. If the "
+      "field was captured with a monitor, it is shown through the window of the monitor");
   add_placement_option(*verb, options->placements, "Replaces that of the field.");
   on_command(*verb, options, common, action, export_web);
 }

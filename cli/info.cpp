@@ -258,18 +258,17 @@ std::vector<std::string> notes_of(const fs::path& session) {
 
 void add_info(CLI::App& app, const Common& common, Action& action) {
   const auto path = std::make_shared<fs::path>();
-  CLI::App* verb =
-      app.add_subcommand("info",
-                         "Print a summary of a reflectance field, capture session or image.\n"
-                         "\n"
-                         "The photographs of a session are checked as an estimation does before it "
-                         "fits: pairing, camera motion, colours, tone curve, brightness, room "
-                         "light, drift, clipping, noise and outlier frames, each with its effect "
-                         "on the error and a remedy.\n"
-                         "\n"
-                         "Examples:\n"
-                         "  refield info scene.rfield\n"
-                         "  refield info session --json");
+  CLI::App* verb = app.add_subcommand(
+      "info",
+      "Print a summary of a reflectance field, capture session or image.\n"
+      "\n"
+      "The photographs of a session are checked as an estimation does before it fits: pairing, camera "
+      "motion, colours, tone curve, brightness, room light, drift, clipping, noise and outlier frames, each "
+      "with its effect on the error and a remedy.\n"
+      "\n"
+      "Examples:\n"
+      "  refield info scene.rfield\n"
+      "  refield info session --json");
   verb->add_option("file", *path, "File: reflectance field (.rfield), session folder or image")->required();
   verb->callback([path, &common, &action] {
     action = [path, &common] {

@@ -220,10 +220,9 @@ void add_simulate(CLI::App& app, const Common& common, Action& action) {
       ->check(CLI::IsMember({"designed", "natural"}));
   verb->add_option("--seed", arguments->seed,
                    "Seed of all random numbers of the simulation (default: from the recipe)");
-  verb->add_option(
-      "--quality", arguments->quality,
-      "Quality of ray tracing: 1 fast, 2 balanced, 3 least noise (default: 2; 1 if the transport is "
-      "too large to be stored)");
+  verb->add_option("--quality", arguments->quality,
+                   "Quality of ray tracing: 1 fast, 2 balanced, 3 least noise (default: 2; 1 if the "
+                   "transport is too large to be stored)");
   verb->add_option(
       "--noise", arguments->noise,
       "Relative standard deviation of Gaussian noise on the photographs, such as 0.005 (default: 0)");

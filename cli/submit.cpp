@@ -97,8 +97,7 @@ Plan plan_shards(const SubmitArguments& arguments, const CaptureSession& session
   plan.merge = {1024 + static_cast<std::int64_t>(megapixels * bytes_per_pixel),
                 min_minutes + static_cast<std::int64_t>(megapixels)};
   run_context().note(
-      formatted("submit: %d shards of about %.0f s, each with %d threads, %lld MiB and at "
-                "most %lld min",
+      formatted("submit: %d shards of about %.0f s, each with %d threads, %lld MiB and at most %lld min",
                 plan.shards, seconds, plan.threads, static_cast<long long>(plan.shard.memory_mib),
                 static_cast<long long>(plan.shard.minutes)));
   return plan;
@@ -267,10 +266,9 @@ void add_submit(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("-o,--output", arguments->output, "Reflectance field to write (.rfield)")->required();
   verb->add_option("--shards", arguments->shards, "Number of shards (default: 32, of at least 16 rows each)")
       ->check(CLI::Range(1, 1000));
-  verb->add_option(
-      "--sbatch", arguments->sbatch,
-      "Further option of sbatch, such as --sbatch=--partition=compute, or one that replaces what "
-      "is planned, such as --sbatch=--mem=16G; repeat it for each");
+  verb->add_option("--sbatch", arguments->sbatch,
+                   "Further option of sbatch, such as --sbatch=--partition=compute, or one that replaces "
+                   "what is planned, such as --sbatch=--mem=16G; repeat it for each");
   add_dry_run_flag(*verb, arguments->dry_run)->group("");
   verb->callback([arguments, estimation, &common, &action] {
     arguments->estimate = words_of(estimation);

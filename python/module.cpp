@@ -111,10 +111,9 @@ py::object new_exception(py::module_& module, const char* name, const py::object
 PyObject *error_type, *input_error_type, *format_error_type, *device_error_type, *solver_error_type;
 
 void bind_errors(py::module_& module) {
-  const py::object error =
-      new_exception(module, "Error", py::reinterpret_borrow<py::object>(PyExc_Exception),
-                    "Base of every error that refield expects. The text is that of the command "
-                    "line: file or argument, value, remedy.");
+  const py::object error = new_exception(module, "Error", py::reinterpret_borrow<py::object>(PyExc_Exception),
+                                         "Base of every error that refield expects. The text is that of the "
+                                         "command line: file or argument, value, remedy.");
   const auto value_error = py::reinterpret_borrow<py::object>(PyExc_ValueError);
   const auto os_error = py::reinterpret_borrow<py::object>(PyExc_OSError);
   error_type = error.inc_ref().ptr();

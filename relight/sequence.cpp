@@ -124,10 +124,9 @@ pid_t start(std::vector<std::string> arguments, int input, int messages) {
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&files);
   if (error == ENOENT)
-    throw DeviceError(
-        "ffmpeg", error,
-        "is needed for video and is not installed; install it (Debian: apt-get install ffmpeg), "
-        "or give a folder as output for single images");
+    throw DeviceError("ffmpeg", error,
+                      "is needed for video and is not installed; install it (Debian: apt-get install "
+                      "ffmpeg), or give a folder as output for single images");
   if (error != 0) throw DeviceError("ffmpeg", error, "cannot be started");
   return process;
 }

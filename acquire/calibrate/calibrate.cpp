@@ -47,10 +47,9 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
                  "regions are too bright. Raise its black level (often called brightness or offset).",
                  100.0 * rig.black.clipped));
   warn(response.darkest_share > 0.05,
-       formatted(
-           "The response is measured from %.0f %% of the range on and interpolated below: shorter exposures "
-           "or a wider range of brightness in the scene would show more.",
-           100.0 * response.darkest_share));
+       formatted("The response is measured from %.0f %% of the range on and interpolated below: shorter "
+                 "exposures or a wider range of brightness in the scene would show more.",
+                 100.0 * response.darkest_share));
   warn(std::abs(rig.noise.excess_at_the_top) > 0.2,
        formatted(
            "The brightest samples are %.0f %% %s noisy than photons are: %s.",
@@ -69,10 +68,9 @@ std::vector<std::string> warnings_of(const RigMeasurements& rig) {
                  "source, or automatic camera settings.",
                  100.0 * rig.banding.noise));
   const double misfit = std::max(rig.display_timing.rise.residual, rig.display_timing.fall.residual);
-  warn(misfit > 0.05,
-       formatted("The display's change of light does not follow a ramp (%.0f %% off, RMS); settling is "
-                 "set by the last frame that differed.",
-                 100.0 * misfit));
+  warn(misfit > 0.05, formatted("The display's change of light does not follow a ramp (%.0f %% off, RMS); "
+                                "settling is set by the last frame that differed.",
+                                100.0 * misfit));
   for (double fall : rig.tone_curve.falls)
     warn(fall > 0.01,
          formatted(

@@ -174,12 +174,11 @@ ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& c
     for (std::size_t i = 0; i < levels.size(); ++i) result.measured[c].push_back({levels[i], light[i]});
     constexpr double impossible = 0.05;  // of white
     if (result.falls[c] > impossible)
-      throw DeviceError(
-          bench.display().name, EIO,
-          std::string("its ") + channel_names[c] + " channel becomes darker by " +
-              std::to_string(100.0 * result.falls[c]) +
-              " % of white from one level to a higher one; turn off dynamic contrast and colour "
-              "management, and let nothing move");
+      throw DeviceError(bench.display().name, EIO,
+                        std::string("its ") + channel_names[c] + " channel becomes darker by " +
+                            std::to_string(100.0 * result.falls[c]) +
+                            " % of white from one level to a higher one; turn off dynamic contrast and "
+                            "colour management, and let nothing move");
     for (double& value : light) value = std::clamp(value, 0.0, 1.0);
     const MonotoneCurve curve(levels, never_falling(light));
     for (int level = 0; level < 256; ++level)

@@ -70,10 +70,9 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
                       "does not apply an exposure of " + std::to_string(exposure.count()) + " s at gain " +
                           std::to_string(gain) +
                           "; turn off automatic exposure, or plan exposures that it supports");
-  throw DeviceError(
-      description_.name, EIO,
-      "reports only exposures from before the pattern was shown; check that camera and display stamp "
-      "times with the same clock");
+  throw DeviceError(description_.name, EIO,
+                    "reports only exposures from before the pattern was shown; check that camera and display "
+                    "stamp times with the same clock");
 }
 
 /// True once a frame began later than the last change of settings by the control latency. Lost frames count,

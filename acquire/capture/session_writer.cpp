@@ -76,11 +76,10 @@ void require_frames_of(const std::vector<JournalEntry>& entries, const fs::path&
       const std::string file = path.lexically_relative(folder).generic_string();
       if (entry == entries.end() ||
           std::ranges::find(entry->files, file, &JournalFile::path) == entry->files.end())
-        throw InputError(
-            (folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
-            path.string() +
-            ", which the capture did not write for it; correct the manifest, or remove it so that "
-            "--resume writes it again");
+        throw InputError((folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
+                         path.string() +
+                         ", which the capture did not write for it; correct the manifest, or remove it so "
+                         "that --resume writes it again");
     }
   }
 }

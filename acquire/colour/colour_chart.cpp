@@ -464,10 +464,9 @@ Colours checked_colours(const Photograph& photograph, const Matrix3d& homography
     throw InputError(name + ": the chart's patches " + patch_list(clipped) +
                      " are clipped; photograph the chart with a shorter exposure, or merge a bracket");
   if (!covered.empty())
-    throw InputError(
-        name + ": the chart's patches " + patch_list(covered) +
-        " are not even: something covers or shades them, or reflects in them; free the chart and "
-        "photograph it again");
+    throw InputError(name + ": the chart's patches " + patch_list(covered) +
+                     " are not even: something covers or shades them, or reflects in them; free the chart "
+                     "and photograph it again");
   return colours;
 }
 
@@ -559,10 +558,9 @@ ColourFit fit_colour(const ColourChart& chart, const std::string& name) {
     std::vector<int> patches;
     for (int k = 0; k < chart_patches; ++k)
       if (fit.delta_e[k] > tolerated_delta_e) patches.push_back(k);
-    throw InputError(
-        name + ": the chart's patches " + patch_list(patches) +
-        " do not have the expected colours: something covers them or reflects in them, the chart "
-        "has faded, or the photograph is not scene-linear");
+    throw InputError(name + ": the chart's patches " + patch_list(patches) +
+                     " do not have the expected colours: something covers them or reflects in them, the "
+                     "chart has faded, or the photograph is not scene-linear");
   }
   return fit;
 }

@@ -265,10 +265,9 @@ class OpenGenicam {
     if (arv_buffer_get_image_width(buffer) != description_.width ||
         arv_buffer_get_image_height(buffer) != description_.height ||
         arv_buffer_get_image_pixel_format(buffer) != format_code_)
-      throw DeviceError(
-          name_, EIO,
-          "sent a frame of another size or pixel format than it was set to; check that no other "
-          "program changes its settings");
+      throw DeviceError(name_, EIO,
+                        "sent a frame of another size or pixel format than it was set to; check that no "
+                        "other program changes its settings");
     int padding = 0, rows = 0;
     arv_buffer_get_image_padding(buffer, &padding, &rows);
     return unpack_frame({data, size}, format_, description_.width, description_.height,
@@ -290,8 +289,8 @@ class OpenGenicam {
     while (true) {
       camera_.reset();
       camera_.reset(ask(name_,
-                        "cannot be opened; check cable, power and address ('refield acquire devices' "
-                        "lists the cameras that answer)",
+                        "cannot be opened; check cable, power and address ('refield acquire devices' lists "
+                        "the cameras that answer)",
                         [&](GError** e) { return arv_camera_new(device.c_str(), e); }));
       ArvDevice* opened = arv_camera_get_device(camera());
       if (!ARV_IS_GV_DEVICE(opened) || arv_gv_device_is_controller(ARV_GV_DEVICE(opened))) break;
@@ -485,9 +484,8 @@ class OpenGenicam {
       run_.note(name_ + ": the system limits the receive buffer of a socket to " +
                 std::to_string(limit / 1024) + " KiB, less than two frames of " +
                 std::to_string(frame_bytes / 1024) +
-                " KiB, so packets may be lost; 'sudo sysctl -w "
-                "net.core.rmem_max=" +
-                std::to_string(wanted) + "' raises the limit");
+                " KiB, so packets may be lost; 'sudo sysctl -w net.core.rmem_max=" + std::to_string(wanted) +
+                "' raises the limit");
   }
 
   GenicamCameraOptions& options_;

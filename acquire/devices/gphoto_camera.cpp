@@ -259,10 +259,10 @@ void write_setting(Connection& open, const std::string& camera, const std::strin
     const auto now = read_setting(open, name);
     if (now && names_same(now->value, wanted)) return;
     if (seconds_since(start) > settle_patience.count())
-      throw DeviceError(camera, EINVAL,
-                        name + " reads '" + (now ? now->value : "") + "' after it was set to '" + wanted +
-                            "'; the mode dial or the lens may decide it: set the dial to M and the lens to "
-                            "manual focus");
+      throw DeviceError(
+          camera, EINVAL,
+          name + " reads '" + (now ? now->value : "") + "' after it was set to '" + wanted +
+              "'; the mode dial or the lens may decide it: set the dial to M and the lens to manual focus");
     std::this_thread::sleep_for(gphoto_slice);
   }
 }
@@ -625,10 +625,9 @@ class GphotoCamera final : public TetheredCamera {
                       "; its card is full: insert an empty card, or leave out capturetarget, then run the "
                       "same command with --resume");
       case Trouble::unfocused:
-        fail(EIO,
-             failure.text +
-                 "; the camera could not focus: switch the lens to manual focus, focus, then run the same "
-                 "command with --resume");
+        fail(EIO, failure.text +
+                      "; the camera could not focus: switch the lens to manual focus, focus, then run the "
+                      "same command with --resume");
       case Trouble::powerless:
         fail(EIO, failure.text +
                       "; the battery is empty: replace it without moving the camera, then run the same "

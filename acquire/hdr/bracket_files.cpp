@@ -331,9 +331,8 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   file.frame.height = stored.height;
   file.frame.layout = channels == 3 ? PixelLayout::rgb : one_channel.value_or(PixelLayout::grey);
   if (stored.samples == StoredSamples::other_integers)
-    throw FormatError(path,
-                      "has integer samples of neither 8 nor 16 bits; convert it to one of them or to "
-                      "OpenEXR");
+    throw FormatError(
+        path, "has integer samples of neither 8 nor 16 bits; convert it to one of them or to OpenEXR");
   file.bits = stored.samples == StoredSamples::uint8 ? 8 : 16;
   if (file.response.empty()) file.settings.bits = file.bits;
   file.frame.samples = read_samples(*input, path, channels);

@@ -58,10 +58,9 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
 /// Throws InputError where a file's noise is no noise.
 void require_sigma(const BracketFile& file, const fs::path& path) {
   if (file.sigma.empty())
-    throw InputError(
-        path.string() +
-        ": carries no noise (sigma.R, sigma.G, sigma.B), which other files of its bracket do; give "
-        "all with sigma or none");
+    throw InputError(path.string() +
+                     ": carries no noise (sigma.R, sigma.G, sigma.B), which other files of its bracket do; "
+                     "give all with sigma or none");
   for (const float sigma : file.sigma.values)
     if (std::isnan(sigma) || sigma < 0.0f)
       throw InputError(path.string() + ": a sigma is negative or not a number; repair that sample");

@@ -344,18 +344,16 @@ std::string name_of_response(const BracketCamera& camera, int bits) {
 
 constexpr const char* unconfirmed_curve =
     "8-bit files with one exposure per view are taken to have the sRGB curve, which one exposure cannot "
-    "confirm; "
-    "a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give the camera's "
-    "curve "
-    "with --response (docs/guide/import.md)";
+    "confirm; a camera's contrast curve makes errors of 20 % and more. Photograph brackets, or give the "
+    "camera's curve with --response (docs/guide/import.md)";
 constexpr const char* check_exposures_text = "; check --exposures, ISO speed and aperture";
 
 /// What to check when exposures contradict a response that is known.
 const char* remedy_without_curve(const BracketSamples& bracket) {
   return bracket.bits == 0 || bracket.is_sensor
              ? "; check exposure times, black level, movement and flicker"
-             : "; leave --response and --black out, or estimate the curve with 'refield acquire "
-               "import … -o camera.toml'; check also exposure times, movement and flicker";
+             : "; leave --response and --black out, or estimate the curve with 'refield acquire import … -o "
+               "camera.toml'; check also exposure times, movement and flicker";
 }
 
 /// Estimates the response and gives it to the camera where the exposures agree with it. Returns what to note;
@@ -608,8 +606,7 @@ std::vector<std::string> settle_response(std::span<const BracketSamples> bracket
   if (first.automatic_white_balance)
     notes.emplace_back(
         "the photographs were developed with automatic white balance, which may differ between them without "
-        "a "
-        "trace; fix it, or give the RAW files");
+        "a trace; fix it, or give the RAW files");
   const bool assumed = camera.response.empty() && !first.is_sensor && first.bits > 0;
   const std::string response = response_of(camera, first.bits);
   const bool several = std::ranges::any_of(brackets, [](const BracketSamples& bracket) {

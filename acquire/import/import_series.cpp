@@ -77,10 +77,9 @@ std::vector<BracketGroup> by_exposure(const std::vector<fs::path>& files,
   std::vector<double> seen;
   for (std::size_t i = 0; i < files.size(); ++i) {
     if (!exposures[i])
-      throw InputError(
-          files[i].string() +
-          ": does not contain its exposure time, so brackets cannot be detected; give --bracket-size "
-          "or --names, and --exposures");
+      throw InputError(files[i].string() +
+                       ": does not contain its exposure time, so brackets cannot be detected; give "
+                       "--bracket-size or --names, and --exposures");
     const double seconds = exposures[i]->count();
     constexpr double same = 0.02;  // metadata round
     const bool repeats =
@@ -336,10 +335,9 @@ class SessionImport {
       check_placements(session_.monitors, session_.light, "--placement");
       take_mask();
       if (const int hot = ambient_ ? count_hot_pixels(*ambient_) : 0; hot > 0)
-        summary.notes.push_back(
-            std::to_string(hot) +
-            " pixels are hot: far brighter than their neighbours in the ambient photograph; "
-            "their light is subtracted, and samples that clip are left out");
+        summary.notes.push_back(std::to_string(hot) +
+                                " pixels are hot: far brighter than their neighbours in the ambient "
+                                "photograph; their light is subtracted, and samples that clip are left out");
       if (darker_.size() >= enough_darker_photographs)
         summary.notes.push_back(darker_text(request_.ambient.front().string(), darker_));
       std::string notes;
@@ -418,10 +416,9 @@ class SessionImport {
     Mask mask;
     if (request_.mask) mask = read_mask(*request_.mask, width, height);
     if (request_.mask && std::ranges::count(mask, 0) == std::ssize(mask))
-      throw InputError(
-          request_.mask->string() +
-          ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
-          "than one half (188 of 255, not 1)");
+      throw InputError(request_.mask->string() +
+                       ": the mask is dark everywhere, so no pixel would be estimated; paint the scene "
+                       "brighter than one half (188 of 255, not 1)");
     if (ball_) {
       if (mask.empty()) mask.assign(static_cast<std::size_t>(width) * height, 1);
       exclude_ball(mask, width, height, *ball_);

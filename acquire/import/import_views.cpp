@@ -135,9 +135,8 @@ std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vect
         std::to_string(groups.size() - first) + " brackets (the last begins with " +
         groups.back().paths.front().string() + ") but " + std::to_string(lights) + " lights (the last is " +
         request.lights.back().string() +
-        "), and their brightness does not tell which belong together; give as many of each "
-        "(--ambient-first takes the first bracket out), pair them by name with --names, or by time with "
-        "--pair-by time");
+        "), and their brightness does not tell which belong together; give as many of each (--ambient-first "
+        "takes the first bracket out), pair them by name with --names, or by time with --pair-by time");
   std::vector<ImportedView> views;
   if (!pairing.is_certain) {
     if (first == 1) request.ambient = groups.front().paths;
@@ -207,8 +206,7 @@ std::vector<ImportedView> with_light_sources(LightStage& stage, const std::vecto
     throw InputError(std::to_string(groups.size()) + " photographs (the last is " +
                      groups.back().paths.front().string() + ") but " + std::to_string(stage.sources.size()) +
                      " light sources in " + stage.file.string() +
-                     "; give as many of each, or name the photographs in "
-                     "filenames.txt beside it");
+                     "; give as many of each, or name the photographs in filenames.txt beside it");
   std::vector<ImportedView> views;
   std::vector<bool> used(groups.size(), false);
   for (std::size_t i = 0; i < stage.sources.size(); ++i) {

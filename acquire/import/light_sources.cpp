@@ -109,10 +109,9 @@ struct DirectionReader {
   void finish(LightStage& stage) const {
     if (object) weaken_with_distance(stage);
     if (lengths.count > 0)
-      stage.notes.push_back("light directions that were normalised: " + std::to_string(lengths.count) +
-                            lengths.first +
-                            "; for light sources at near positions, give the position of the object with "
-                            "--object-at");
+      stage.notes.push_back(
+          "light directions that were normalised: " + std::to_string(lengths.count) + lengths.first +
+          "; for light sources at near positions, give the position of the object with --object-at");
     if (below.count > 0)
       stage.notes.push_back(
           "light sources behind the object, z < 0: " + std::to_string(below.count) + below.first +

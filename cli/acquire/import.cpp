@@ -280,12 +280,10 @@ void match_by_time(const ImportOptions& options, const Common& common) {
 
 /// Options that say what is known of the camera behind bracketed image files.
 void add_bracket_camera(CLI::App& verb, BracketCamera& camera) {
-  verb.add_option(
-      "--response", camera.response,
-      "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a calibration.toml (default: "
-      "as PNG chunks and ICC profiles state it, else srgb for 8-bit files and linear for others; estimated "
-      "if "
-      "the exposures contradict it)");
+  verb.add_option("--response", camera.response,
+                  "Response of the camera: linear, srgb, gamma:X (sample = light^(1/X)) or a "
+                  "calibration.toml (default: as PNG chunks and ICC profiles state it, else srgb for 8-bit "
+                  "files and linear for others; estimated if the exposures contradict it)");
   verb.add_option("--layout", camera.layout,
                   "Layout of one-channel files: grey, bayer_rggb (or bayer), bayer_grbg, bayer_gbrg or "
                   "bayer_bggr (default: grey; for camera RAW files, from the file)")

@@ -405,11 +405,9 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
       "Capture a session with a camera and a monitor, real or simulated.\n"
       "\n"
       "The rig file names the devices, light maps and exposures (docs/reference/devices.md); options replace "
-      "its "
-      "values. A frame is used for a light map only if its time stamp shows that it was exposed after the "
-      "monitor "
-      "had changed. A recipe describes a simulated camera and monitor instead, before the scene whose light "
-      "transport 'refield simulate RECIPE.toml -o TRUTH' traced.\n"
+      "its values. A frame is used for a light map only if its time stamp shows that it was exposed after "
+      "the monitor had changed. A recipe describes a simulated camera and monitor instead, before the scene "
+      "whose light transport 'refield simulate RECIPE.toml -o TRUTH' traced.\n"
       "\n"
       "After a disconnected device, an interruption or a full disk, the same command with --resume "
       "continues.\n"
@@ -423,33 +421,30 @@ void add_acquire_run(CLI::App& group, const Common& common, Action& action) {
   verb->add_option("--light", options->light,
                    "Light maps: folder or quoted pattern; linear radiance above the black level of the "
                    "monitor (default: those of the rig file or, with their roles and kinds, of --truth)");
-  CLI::Option* times = verb->add_option("--exposures", options->exposures,
-                                        "Exposure times of a photograph in seconds, separated by commas; "
-                                        "increasing (default: from the rig file or "
-                                        "the recipe, else metered under white)")
-                           ->delimiter(',');
+  CLI::Option* times =
+      verb->add_option("--exposures", options->exposures,
+                       "Exposure times of a photograph in seconds, separated by commas; increasing (default: "
+                       "from the rig file or the recipe, else metered under white)")
+          ->delimiter(',');
   add_max_noise_option(*verb, options->max_noise)->excludes(times);
   add_until_error_option(*verb, options->until_error);
   verb->add_flag("--follow-error", options->follow_error,
                  "Print the predicted error of the reflectance field on new photographs during the capture");
-  verb->add_flag(
-      "--quick", options->quick,
-      "Take 30 training photographs (primaries, then the first patterns) and a held-out one only, and "
-      "print the predicted error: a first field, in less than five minutes with a DSLR");
-  verb->add_option(
-          "--check-every", options->check_every,
-          "Check the photographs after every N training photographs, as 'refield info' does, and stop "
-          "when the camera has moved, the room light has changed or photographs do not fit the others; "
-          "0: only at the end")
+  verb->add_flag("--quick", options->quick,
+                 "Take 30 training photographs (primaries, then the first patterns) and a held-out one only, "
+                 "and print the predicted error: a first field, in less than five minutes with a DSLR");
+  verb->add_option("--check-every", options->check_every,
+                   "Check the photographs after every N training photographs, as 'refield info' does, and "
+                   "stop when the camera has moved, the room light has changed or photographs do not fit the "
+                   "others; 0: only at the end")
       ->type_name("N")
       ->check(non_negative_number())
       ->capture_default_str();
   verb->add_flag("--auto-mask", options->auto_mask, "Mask the pixels that respond to a white monitor");
   add_resume_flag(*verb, options->if_exists);
-  verb->add_option(
-          "--calibration", options->calibration,
-          "Calibration file of 'refield acquire calibrate' (default: that of the rig file; the values of "
-          "the recipe, without error)")
+  verb->add_option("--calibration", options->calibration,
+                   "Calibration file of 'refield acquire calibrate' (default: that of the rig file; the "
+                   "values of the recipe, without error)")
       ->group(further);
   verb->add_option("--order", options->order,
                    "Order of the training lights: given, random, or useful (most informative first, for "

@@ -110,8 +110,7 @@ class HelpFormatter : public CLI::Formatter {
       help += "\n" +
               wrapped(
                   "Every command takes --json (results and errors as JSON on standard output), --quiet (no "
-                  "progress) and "
-                  "--force (replace the output of an earlier run)" +
+                  "progress) and --force (replace the output of an earlier run)" +
                       more + ".",
                   width) +
               "\n";
@@ -364,11 +363,10 @@ PictureSize read_picture_size(const std::string& text, PictureSize least, const 
 
 CLI::Option* add_placement_option(CLI::App& verb, std::vector<std::string>& placements,
                                   const std::string& more) {
-  return verb.add_option(
-      "--placement", placements,
-      "Placement of the monitor: WIDTHxHEIGHT@DISTANCE in mm, then yaw, pitch, roll in degrees "
-      "and x, y in mm where not zero, such as 520x320@600,yaw=90. " +
-          more + " Repeat the option for each window of stacked light maps");
+  return verb.add_option("--placement", placements,
+                         "Placement of the monitor: WIDTHxHEIGHT@DISTANCE in mm, then yaw, pitch, roll in "
+                         "degrees and x, y in mm where not zero, such as 520x320@600,yaw=90. " +
+                             more + " Repeat the option for each window of stacked light maps");
 }
 
 CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second) {
@@ -379,8 +377,8 @@ CLI::Option* add_fps_option(CLI::App& verb, double& frames_per_second) {
 CLI::Option* add_monitor_option(CLI::App& verb, std::string& monitor) {
   return verb.add_option(
       "--monitor", monitor,
-      "Monitor that lights the scene, as 'refield acquire devices' names it: a connector such as "
-      "HDMI-A-1, or window:0 for a full-screen window on the first display of the desktop");
+      "Monitor that lights the scene, as 'refield acquire devices' names it: a connector such as HDMI-A-1, "
+      "or window:0 for a full-screen window on the first display of the desktop");
 }
 
 CLI::Option* add_horizontal_fov_option(CLI::App& verb, std::optional<double>& degrees) {
@@ -394,25 +392,22 @@ CLI::Option* add_diameter_option(CLI::App& verb, std::optional<double>& diameter
 
 CLI::Option* add_saturation_option(CLI::App& verb, std::optional<double>& saturation) {
   return verb
-      .add_option(
-          "--saturation", saturation,
-          "Lowest sample value that may be clipped (default: the level at which samples pile up, else from "
-          "RAW files, else the largest value; none for float images)")
+      .add_option("--saturation", saturation,
+                  "Lowest sample value that may be clipped (default: the level at which samples pile up, "
+                  "else from RAW files, else the largest value; none for float images)")
       ->group(further);
 }
 
 CLI::Option* add_max_noise_option(CLI::App& verb, std::string& share) {
-  return verb.add_option(
-      "--max-noise", share,
-      "Take the minimum number of exposures that keep the noise of each sample below this fraction of its "
-      "radiance, such as 2%");
+  return verb.add_option("--max-noise", share,
+                         "Take the minimum number of exposures that keep the noise of each sample below this "
+                         "fraction of its radiance, such as 2%");
 }
 
 CLI::Option* add_until_error_option(CLI::App& verb, std::string& share) {
-  return verb.add_option(
-      "--until-error", share,
-      "Stop taking training photographs when the predicted median error on new photographs falls "
-      "to this value, such as 2%");
+  return verb.add_option("--until-error", share,
+                         "Stop taking training photographs when the predicted median error on new "
+                         "photographs falls to this value, such as 2%");
 }
 
 CLI::Option* add_ball_option(CLI::App& verb, std::string& ball, const std::string& more) {
@@ -424,10 +419,9 @@ CLI::Option* add_ball_option(CLI::App& verb, std::string& ball, const std::strin
 }
 
 void add_parameterisation_option(CLI::App& verb, std::string& parameterisation) {
-  verb.add_option(
-          "--parameterisation", parameterisation,
-          "Parameterisation of the light maps of --light: monitor, lat_long or cube (default: lat_long "
-          "for maps of 'refield acquire probe', else monitor)")
+  verb.add_option("--parameterisation", parameterisation,
+                  "Parameterisation of the light maps of --light: monitor, lat_long or cube (default: "
+                  "lat_long for maps of 'refield acquire probe', else monitor)")
       ->group(further);
 }
 

@@ -109,10 +109,9 @@ void add_cluster_options(CLI::App& verb, PrtArguments& arguments) {
                   "Number of diffuse reflections of indirect light, with clusters")
       ->capture_default_str()
       ->check(CLI::Range(0, 16));
-  CLI::Option* image = verb.add_flag(
-      "--image", arguments.image,
-      "Precompute the image of the scene's camera, with any material, instead of a diffuse mesh "
-      "for arbitrary views; with clusters");
+  CLI::Option* image = verb.add_flag("--image", arguments.image,
+                                     "Precompute the image of the scene's camera, with any material, instead "
+                                     "of a diffuse mesh for arbitrary views; with clusters");
   verb.add_option("--pixel-samples", options.pixel_samples,
                   "With --image: samples along each side of a pixel, against aliased edges")
       ->capture_default_str()

@@ -97,16 +97,14 @@ void relight(RelightOptions options, const Common& common) {
 }
 
 void add_light_options(CLI::App& verb, RelightOptions& options) {
-  verb.add_option(
-      "--light", options.lights,
-      "Light maps: a file with the size of the field's light map (EXR: linear; PNG, JPEG: sRGB). For "
-      "several maps, a quoted pattern or a folder, the output is a folder");
-  verb.add_option(
-      "--env", options.environments,
-      "Environment map of any size, lat-long (twice as wide as high) or cube (six faces, stacked "
-      "vertically). A field captured in front of a monitor is lit by the part of the environment inside "
-      "the monitor's window. For several maps, a quoted pattern or a folder, the output is a folder or, with "
-      "--frames, a sequence that fades from each map to the next");
+  verb.add_option("--light", options.lights,
+                  "Light maps: a file with the size of the field's light map (EXR: linear; PNG, JPEG: sRGB). "
+                  "For several maps, a quoted pattern or a folder, the output is a folder");
+  verb.add_option("--env", options.environments,
+                  "Environment map of any size, lat-long (twice as wide as high) or cube (six faces, stacked "
+                  "vertically). A field captured in front of a monitor is lit by the part of the environment "
+                  "inside the monitor's window. For several maps, a quoted pattern or a folder, the output "
+                  "is a folder or, with --frames, a sequence that fades from each map to the next");
   verb.add_option("--yaw", options.turn.yaw,
                   "Rotation of the environment to the right, in degrees (default: 0)");
   const auto bar = verb.add_option("--bar", options.bar,
@@ -159,10 +157,9 @@ void add_relight(CLI::App& app, const Common& common, Action& action) {
   verb->add_option("field", options->field, "Reflectance field (.rfield)")->required();
   add_light_options(*verb, *options);
   add_camera_options(*verb, options->camera);
-  verb->add_option(
-          "-o,--output", options->output,
-          "Image (.exr, .png), folder for several images, video (.mp4, requires ffmpeg), or of a mesh "
-          "field the mesh with its light as vertex colours (.glb)")
+  verb->add_option("-o,--output", options->output,
+                   "Image (.exr, .png), folder for several images, video (.mp4, requires ffmpeg), or of a "
+                   "mesh field the mesh with its light as vertex colours (.glb)")
       ->required();
   verb->add_option("--format", options->format,
                    "File format of images in a folder: exr, png or glb (default: exr)")

@@ -30,10 +30,9 @@ void require_same_job(const Outline& one, const Outline& other) {
                      "are shards of captures with different image sizes, light maps or monitor placements; "
                      "merge shards of one capture");
   if (one.part.job != other.part.job || a.provenance != b.provenance)
-    throw InputError(
-        names +
-        "were estimated from different captures, with different options or by different versions "
-        "('refield info' shows both); estimate the differing shard again");
+    throw InputError(names +
+                     "were estimated from different captures, with different options or by different "
+                     "versions ('refield info' shows both); estimate the differing shard again");
 }
 
 /// Rows must follow one another from the first to the last.

@@ -197,8 +197,7 @@ void read_tiff(FileBytes& file, std::uint64_t base, ImageFacts& facts) {
   if (is_other && value_of(first, 256) == value_of(next, 256) && value_of(first, 257) == value_of(next, 257))
     facts.refusal =
         "holds several images of one size (pages), such as a stack or separate channels; export each image "
-        "as "
-        "a file, colours together";
+        "as a file, colours together";
 }
 
 /// Segments up to the first scan: APP1 holds EXIF, APP2 the profile, perhaps in parts.

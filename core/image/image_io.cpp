@@ -461,12 +461,11 @@ class NegativeTexels {
   }
 
   void report(const RunContext& run) const {
-    note_of_map(
-        run, path_, "have negative texels",
-        percent(share_of_texels(texels_)) + " of its texels are negative (lowest " + lowest_text() +
-            "), as caused by lossy compression; they are set to zero and their neighbours are reduced "
-            "to preserve the mean radiance (setting them to zero alone would add " +
-            percent(share_of_light()) + ")");
+    note_of_map(run, path_, "have negative texels",
+                percent(share_of_texels(texels_)) + " of its texels are negative (lowest " + lowest_text() +
+                    "), as caused by lossy compression; they are set to zero and their neighbours are "
+                    "reduced to preserve the mean radiance (setting them to zero alone would add " +
+                    percent(share_of_light()) + ")");
   }
 
   /// Takes what zero adds off the positive texels of the same block, and what these lack off the blocks of

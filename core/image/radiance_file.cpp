@@ -93,8 +93,7 @@ class ScanLines {
   [[noreturn]] void fail() const {
     throw FormatError(path_, at_,
                       "row " + std::to_string(row_) +
-                          " ends too early or too late; the file is "
-                          "damaged or truncated: copy it again");
+                          " ends too early or too late; the file is damaged or truncated: copy it again");
   }
   std::uint8_t at(std::size_t offset) const { return static_cast<std::uint8_t>(bytes_[at_ + offset]); }
   std::uint8_t next() {

@@ -530,8 +530,7 @@ Mask read_mask(const fs::path& path, int width, int height) {
   const float brightest = *std::ranges::max_element(image.values);
   if (brightest > 0.0f && brightest <= 0.5f)
     throw InputError(path.string() +
-                     ": no pixel is brighter than half of white (the brightest has the linear "
-                     "value " +
+                     ": no pixel is brighter than half of white (the brightest has the linear value " +
                      std::to_string(brightest) + "); a mask is white (255) where the scene is, not 1");
   return mask;
 }

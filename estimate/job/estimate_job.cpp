@@ -190,10 +190,9 @@ void require_enough_frames(const EstimateJob& job, const EstimateOptions& option
 
 void require_any_inside(const Mask& mask, const std::string& name) {
   if (std::ranges::none_of(mask, [](unsigned char inside) { return inside != 0; }))
-    throw InputError(
-        name +
-        ": the mask is dark everywhere, so no pixel would be estimated; paint the scene brighter "
-        "than one half, or leave the mask out");
+    throw InputError(name +
+                     ": the mask is dark everywhere, so no pixel would be estimated; paint the scene "
+                     "brighter than one half, or leave the mask out");
 }
 
 EstimateJob open_job(const CaptureSession& session, const EstimateOptions& options, const RunContext& run) {
@@ -209,11 +208,10 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   check_image_sizes(job.session);
   const LightDomain& light = job.session.light;
   if (light.parameterisation == Parameterisation::cube && light != cube_domain(light.width))
-    throw InputError(
-        job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
-        std::to_string(light.height) +
-        ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps or "
-        "the right --parameterisation");
+    throw InputError(job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
+                     std::to_string(light.height) +
+                     ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps "
+                     "or the right --parameterisation");
   check_placements(job.session.monitors, job.session.light, "the capture");
   if (job.session.colour && std::isfinite(options.clip_level))
     throw InputError(name_of(job.session) +

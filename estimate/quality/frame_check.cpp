@@ -33,11 +33,10 @@ void require_usual_brightness(const EstimateJob& job) {
   const double typical = std::sqrt(job.mean_square);
   if (typical == 0.0 || (typical >= min_mean && typical <= max_mean)) return;
   char text[160];
-  std::snprintf(
-      text, sizeof text,
-      ": the photographs' samples are about %.1e, too %s for the computation; scale all photographs by "
-      "the same factor to values around 1",
-      typical, typical < min_mean ? "small" : "large");
+  std::snprintf(text, sizeof text,
+                ": the photographs' samples are about %.1e, too %s for the computation; scale all "
+                "photographs by the same factor to values around 1",
+                typical, typical < min_mean ? "small" : "large");
   throw InputError(name_of(job.session) + text);
 }
 
@@ -64,16 +63,14 @@ void require_measured_channels(const EstimateJob& job, const PixelSample& sample
   if (lacking == 0) return;
   for (int c = 0; c < 3; ++c)
     if (!measured[c])
-      throw InputError(
-          name_of(job.session) + ": no photograph measured the " + channels[c] +
-          " channel (all its samples are clipped or marked by sigma = inf), so it would be black; check "
-          "sigma, the exposure and --clip");
+      throw InputError(name_of(job.session) + ": no photograph measured the " + channels[c] +
+                       " channel (all its samples are clipped or marked by sigma = inf), so it would be "
+                       "black; check sigma, the exposure and --clip");
   char text[200];
-  std::snprintf(
-      text, sizeof text,
-      "about %.2g %% of the pixels have a channel that no photograph measured (sigma = inf or clipped): "
-      "it is black there, and the error of these pixels is not predicted",
-      100.0 * lacking / sample.pixels);
+  std::snprintf(text, sizeof text,
+                "about %.2g %% of the pixels have a channel that no photograph measured (sigma = inf or "
+                "clipped): it is black there, and the error of these pixels is not predicted",
+                100.0 * lacking / sample.pixels);
   run.note(text);
 }
 
@@ -90,10 +87,10 @@ void require_intact(const EstimateJob& job, const RunContext& run) {
     run.throw_if_stopped();
     const auto file = files.find(paths[i].lexically_relative(job.session.folder).generic_string());
     if (file != files.end() && !is_intact(job.session.folder, file->second))
-      throw FormatError(paths[i],
-                        "differs from the checksum in the session's journal: it was damaged or changed "
-                        "after the capture; take it again with --resume, or remove the file 'journal' if "
-                        "the change is intended");
+      throw FormatError(
+          paths[i],
+          "differs from the checksum in the session's journal: it was damaged or changed after the capture; "
+          "take it again with --resume, or remove the file 'journal' if the change is intended");
   });
 }
 
@@ -279,8 +276,7 @@ void assess_frames(const EstimateJob& job, const EstimateOptions& options, const
     if (room) {
       std::snprintf(
           text, sizeof text,
-          "the room light was on: it shows %.3g times the ambient photograph besides what its light "
-          "explains",
+          "the room light was on: it shows %.3g times the ambient photograph besides what its light explains",
           *room);
       why = text;
     }

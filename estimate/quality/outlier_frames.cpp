@@ -694,24 +694,22 @@ std::string description_of(const OutlierFrame& outlier) {
       const auto& b = outlier.brightness;
       std::snprintf(
           text, sizeof text,
-          "its brightness is off by %+.1f, %+.1f, %+.1f %% (red, green, blue): a flicker or another "
-          "exposure",
+          "its brightness is off by %+.1f, %+.1f, %+.1f %% (red, green, blue): a flicker or another exposure",
           percent(b[0]), percent(b[1]), percent(b[2]));
       break;
     }
     case OutlierFrame::Kind::light:
-      std::snprintf(
-          text, sizeof text,
-          "it differs by %.0f %% from what the other photographs predict, %.0f times as much as usual: "
-          "perhaps it was taken under another light",
-          percent(outlier.residual), outlier.times_typical);
+      std::snprintf(text, sizeof text,
+                    "it differs by %.0f %% from what the other photographs predict, %.0f times as much as "
+                    "usual: perhaps it was taken under another light",
+                    percent(outlier.residual), outlier.times_typical);
       break;
     case OutlierFrame::Kind::region:
-      std::snprintf(
-          text, sizeof text,
-          "%.0f %% of the picture, around pixel (%d, %d), differs by %.0f %%, %.0f times as much as "
-          "usual: something moved there",
-          percent(outlier.share), outlier.x, outlier.y, percent(outlier.residual), outlier.times_typical);
+      std::snprintf(text, sizeof text,
+                    "%.0f %% of the picture, around pixel (%d, %d), differs by %.0f %%, %.0f times as much "
+                    "as usual: something moved there",
+                    percent(outlier.share), outlier.x, outlier.y, percent(outlier.residual),
+                    outlier.times_typical);
       break;
   }
   return text;

@@ -198,8 +198,7 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
   if (ignored & ignored_back && is_open(mesh))
     run.note(path.string() +
              ": its double-sided surfaces are lit on one side, that of their normals; give those that are "
-             "seen from "
-             "behind a thickness");
+             "seen from behind a thickness");
   std::string parts;
   for (const auto& [part, name] :
        {std::pair{ignored_layers, "clear coat, sheen, textures and further factors of highlights"},

@@ -226,8 +226,7 @@ OutputLayout layout_of(const Scene& scene, Relighting relighting) {
   if (!std::ranges::all_of(scene.materials, &Material::is_diffuse))
     throw InputError(
         "the scene has a glossy material, whose appearance depends on the view: choose image relighting with "
-        "a "
-        "camera, or give it specular = 0");
+        "a camera, or give it specular = 0");
   return layout_of_vertices(scene.mesh.positions.size());
 }
 
