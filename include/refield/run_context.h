@@ -20,6 +20,22 @@ struct IsolatedReading;
 
 inline namespace v0_2 {
 
+/// A message of several parts: texts and paths as they are, numbers as std::to_string() writes them.
+template <class... Parts>
+std::string concatenated(const Parts&... parts) {
+  std::string message;
+  const auto append = [&]<class Part>(const Part& part) {
+    if constexpr (std::is_same_v<Part, std::filesystem::path>)
+      message += part.string();
+    else if constexpr (std::is_arithmetic_v<Part> && !std::is_same_v<Part, char>)
+      message += std::to_string(part);
+    else
+      message += part;
+  };
+  (append(parts), ...);
+  return message;
+}
+
 /// Base of every error that refield expects. The message names the file or option, the offending value and
 /// the remedy. The command line prints it and exits with status 2; anything else is a defect (status 1).
 class REFIELD_API Error : public std::runtime_error {
@@ -32,6 +48,9 @@ class REFIELD_API Error : public std::runtime_error {
 class REFIELD_API InputError : public Error {
  public:
   using Error::Error;
+  /// Of concatenated() `parts`.
+  template <class... Parts>
+  requires(sizeof...(Parts) > 1) explicit InputError(const Parts&... parts) : Error(concatenated(parts...)) {}
 };
 
 /// A file's content breaks its format: truncated, of another kind, of another version.
@@ -42,6 +61,10 @@ class REFIELD_API FormatError : public Error {
   /// `offset` is the byte position at which reading failed.
   FormatError(const std::filesystem::path& path, std::uint64_t offset, const std::string& what)
       : Error(path.string() + " at byte " + std::to_string(offset) + ": " + what), path_(path) {}
+  template <class First, class... Parts>
+  requires(sizeof...(Parts) > 0 && !std::is_arithmetic_v<First>)
+      FormatError(const std::filesystem::path& path, const First& first, const Parts&... parts)
+      : FormatError(path, concatenated(first, parts...)) {}
   const std::filesystem::path& path() const { return path_; }
 
  private:
@@ -54,6 +77,10 @@ class REFIELD_API DeviceError : public Error {
  public:
   /// `error_number` is errno as it stood after the failed call.
   DeviceError(const std::string& device, int error_number, const std::string& what);
+  template <class... Parts>
+  requires(sizeof...(Parts) > 1)
+      DeviceError(const std::string& device, int error_number, const Parts&... what)
+      : DeviceError(device, error_number, concatenated(what...)) {}
   int error_number() const { return error_number_; }
 
  private:
@@ -103,8 +130,10 @@ struct REFIELD_API RunContext {
   /// Limit of threads; 0: all that oneTBB has.
   int max_threads = 0;
 
-  void note(const std::string& text) const {
-    if (on_note) on_note(text);
+  /// Passes on concatenated() `parts`.
+  template <class... Parts>
+  void note(const Parts&... parts) const {
+    if (on_note) on_note(concatenated(parts...));
   }
   bool is_stopped() const { return stop && *stop; }
   /// Throws Interrupted once a stop was requested, or the caller's group of TBB tasks was cancelled. Called
