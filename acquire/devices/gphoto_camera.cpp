@@ -4,8 +4,6 @@
 #include <gphoto2/gphoto2.h>
 #include <unistd.h>
 
-#include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <fstream>
 #include <thread>
@@ -28,11 +26,6 @@ constexpr int photographs_per_battery_check = 50;
 constexpr double low_battery_percent = 15.0;
 // Half of a third of a stop: nominal times such as 1/60 for 1/64 pass, another step does not.
 constexpr double sixth_of_a_stop = 0.1225;
-
-std::string lower_case(std::string text) {
-  std::ranges::transform(text, text.begin(), [](unsigned char c) { return std::tolower(c); });
-  return text;
-}
 
 bool has_word(const std::string& text, std::initializer_list<const char*> words) {
   return std::ranges::any_of(words, [&](const char* word) { return text.find(word) != std::string::npos; });
@@ -223,13 +216,13 @@ std::optional<GphotoSetting> read_setting(Connection& open, const std::string& n
 void write_setting(Connection& open, const std::string& camera, const std::string& name, std::string wanted) {
   const auto before = read_setting(open, name);
   if (!before)
-    throw InputError("camera '" + camera + "' has no setting '" + name +
+    throw InputError("camera '", camera, "' has no setting '", name,
                      "'; 'refield acquire devices' lists its settings");
   if (!before->choices.empty()) {
     const auto choice = std::ranges::find_if(
         before->choices, [&](const std::string& offered) { return names_same(offered, wanted); });
     if (choice == before->choices.end())
-      throw InputError("camera '" + camera + "': " + name + " cannot be '" + wanted + "'; its choices are " +
+      throw InputError("camera '", camera, "': ", name, " cannot be '", wanted, "'; its choices are ",
                        listed(before->choices));
     wanted = *choice;
   }
@@ -260,9 +253,8 @@ void write_setting(Connection& open, const std::string& camera, const std::strin
     if (now && names_same(now->value, wanted)) return;
     if (seconds_since(start) > settle_patience.count())
       throw DeviceError(
-          camera, EINVAL,
-          name + " reads '" + (now ? now->value : "") + "' after it was set to '" + wanted +
-              "'; the mode dial or the lens may decide it: set the dial to M and the lens to manual focus");
+          camera, EINVAL, name, " reads '", now ? now->value : "", "' after it was set to '", wanted,
+          "'; the mode dial or the lens may decide it: set the dial to M and the lens to manual focus");
     std::this_thread::sleep_for(gphoto_slice);
   }
 }
@@ -294,9 +286,9 @@ GphotoIdentity find_gphoto_camera(const std::string& text) {
       } catch (const DeviceError&) {  // in use by another program
       }
   if (found.size() == 1) return found.front();
-  throw InputError("camera 'gphoto:" + text +
-                   "': " + (found.empty() ? "no camera has this name" : "several cameras have this name") +
-                   "; " + list_of_gphoto(cameras));
+  throw InputError("camera 'gphoto:", text,
+                   "': ", found.empty() ? "no camera has this name" : "several cameras have this name", "; ",
+                   list_of_gphoto(cameras));
 }
 
 DeviceError opening_error(const std::string& camera, const GphotoFailure& failure) {
@@ -355,7 +347,7 @@ class GphotoCamera final : public TetheredCamera {
 
   TimePoint set_exposure(Seconds exposure, double gain) override {
     if (gain != 1.0)
-      throw InputError("camera '" + description_.name + "' has gain 1 alone, not " + std::to_string(gain) +
+      throw InputError("camera '", description_.name, "' has gain 1 alone, not ", gain,
                        "; give iso in [controls] instead");
     shutter_ = shutter_of(exposure);
     const auto set = [&] { write_setting(*open_, description_.name, shutter_name_, shutter_.choice); };
@@ -367,7 +359,7 @@ class GphotoCamera final : public TetheredCamera {
       try {
         set();
       } catch (const GphotoFailure& again) {
-        fail(EIO, again.text + "; run the same command with --resume");
+        fail(EIO, again.text, "; run the same command with --resume");
       }
     }
     return monotonic_now();
@@ -378,7 +370,7 @@ class GphotoCamera final : public TetheredCamera {
   RawFrame next_frame(Seconds) override try {
     return take();
   } catch (const GphotoFailure& failure) {  // of what is asked beside the photograph itself
-    fail(EIO, failure.text + "; run the same command with --resume");
+    fail(EIO, failure.text, "; run the same command with --resume");
   }
 
  private:
@@ -397,8 +389,9 @@ class GphotoCamera final : public TetheredCamera {
   TimePoint earliest_{};
   std::uint64_t sequence_ = 0;
 
-  [[noreturn]] void fail(int number, const std::string& text) const {
-    throw DeviceError(description_.name, number, text);
+  template <class... Parts>
+  [[noreturn]] void fail(int number, const Parts&... text) const {
+    throw DeviceError(description_.name, number, concatenated(text...));
   }
 
   std::optional<GphotoSetting> first_of(std::span<const char* const> names) {
@@ -427,7 +420,7 @@ class GphotoCamera final : public TetheredCamera {
     for (const char* name : format_names) prefer_raw(name);
     for (const auto& [name, value] : options_.controls) {
       if (std::ranges::find(shutter_names, name) != std::end(shutter_names))
-        throw InputError("[controls] " + name +
+        throw InputError("[controls] ", name,
                          ": exposure times are planned; give them in [exposures] as 'seconds'");
       write_setting(*open_, description_.name, name, value);
     }
@@ -473,14 +466,14 @@ class GphotoCamera final : public TetheredCamera {
   void read_shutters() {
     const auto setting = first_of(shutter_names);
     if (!setting || setting->choices.empty())
-      throw InputError("camera '" + description_.name +
+      throw InputError("camera '", description_.name,
                        "' offers no shutter times over the cable; turn its mode dial to M (manual)");
     shutter_name_ = setting->name;
     shutters_.clear();
     for (const std::string& choice : setting->choices)
       if (const auto time = shutter_time(choice)) shutters_.push_back({*time, choice});
     if (shutters_.empty())
-      throw InputError("camera '" + description_.name + "': " + shutter_name_ + " has no times, only " +
+      throw InputError("camera '", description_.name, "': ", shutter_name_, " has no times, only ",
                        listed(setting->choices));
     std::ranges::sort(shutters_, {}, &Shutter::time);
     if (shutter_.choice.empty()) {
@@ -546,7 +539,7 @@ class GphotoCamera final : public TetheredCamera {
       if (is_last) open_->check(code < GP_OK ? code : int{GP_ERROR_CORRUPTED_DATA}, "the download failed");
       open_->forget_messages();
       ++troubles_.damaged;
-      run_.note(description_.name + ": a download failed; it is tried again");
+      run_.note(description_.name, ": a download failed; it is tried again");
     }
   }
 
@@ -598,10 +591,10 @@ class GphotoCamera final : public TetheredCamera {
         return shoot(start);
       } catch (const FormatError& error) {
         if (attempt++ == photograph_attempts)
-          fail(EIO, std::string("sends files that cannot be read (") + error.what() +
-                        "); use another cable or image format, then run the same command with --resume");
+          fail(EIO, "sends files that cannot be read (", error.what(),
+               "); use another cable or image format, then run the same command with --resume");
         ++troubles_.damaged;
-        run_.note(description_.name + ": a damaged file was discarded");
+        run_.note(description_.name, ": a damaged file was discarded");
       } catch (const GphotoFailure& failure) {
         mend(failure, attempt, first);
       }
@@ -615,28 +608,27 @@ class GphotoCamera final : public TetheredCamera {
         return;
       case Trouble::busy:
         if (seconds_since(first) > busy_patience.count())
-          fail(EBUSY, failure.text +
-                          "; the camera stays busy: switch off mirror lock-up, self-timer and open menus, "
-                          "then run the same command with --resume");
+          fail(EBUSY, failure.text,
+               "; the camera stays busy: switch off mirror lock-up, self-timer and open menus, "
+               "then run the same command with --resume");
         pause(Seconds(0.5));
         return;
       case Trouble::full:
-        fail(EIO, failure.text +
-                      "; its card is full: insert an empty card, or leave out capturetarget, then run the "
-                      "same command with --resume");
+        fail(EIO, failure.text,
+             "; its card is full: insert an empty card, or leave out capturetarget, then run the "
+             "same command with --resume");
       case Trouble::unfocused:
-        fail(EIO, failure.text +
-                      "; the camera could not focus: switch the lens to manual focus, focus, then run the "
-                      "same command with --resume");
+        fail(EIO, failure.text,
+             "; the camera could not focus: switch the lens to manual focus, focus, then run the "
+             "same command with --resume");
       case Trouble::powerless:
-        fail(EIO, failure.text +
-                      "; the battery is empty: replace it without moving the camera, then run the same "
-                      "command with --resume");
+        fail(EIO, failure.text,
+             "; the battery is empty: replace it without moving the camera, then run the same "
+             "command with --resume");
       case Trouble::other:
-        if (attempt++ == photograph_attempts)
-          fail(EIO, failure.text + "; run the same command with --resume");
+        if (attempt++ == photograph_attempts) fail(EIO, failure.text, "; run the same command with --resume");
         ++troubles_.damaged;
-        run_.note(description_.name + ": " + failure.text + "; the photograph is taken again");
+        run_.note(description_.name, ": ", failure.text, "; the photograph is taken again");
     }
   }
 
@@ -646,18 +638,18 @@ class GphotoCamera final : public TetheredCamera {
       return std::abs(std::log(a / b)) > std::log1p(sixth_of_a_stop);
     };
     if (!file.exposure && !std::exchange(told_of_missing_exif_, true))
-      run_.note(description_.name + ": its files state no exposure time, so it cannot be checked");
+      run_.note(description_.name, ": its files state no exposure time, so it cannot be checked");
     if (file.exposure && differs(file.exposure->count(), shutter_.time.count()))
-      fail(EINVAL, "was set to " + shutter_.choice + " (" + seconds_text(shutter_.time) +
-                       "), but its file states " + seconds_text(*file.exposure) +
-                       "; turn the mode dial to M and switch off bracketing and automatic modes");
+      fail(EINVAL, "was set to ", shutter_.choice, " (", seconds_text(shutter_.time),
+           "), but its file states ", seconds_text(*file.exposure),
+           "; turn the mode dial to M and switch off bracketing and automatic modes");
     if (file.settings.iso && iso_ && differs(*file.settings.iso, *iso_))
-      fail(EINVAL, "was set to ISO " + std::to_string(*iso_) + ", but its file states ISO " +
-                       std::to_string(*file.settings.iso) + "; switch off automatic ISO");
+      fail(EINVAL, "was set to ISO ", *iso_, ", but its file states ISO ", *file.settings.iso,
+           "; switch off automatic ISO");
     if (file.settings.f_number && aperture_ &&
         differs(*file.settings.f_number * *file.settings.f_number, *aperture_ * *aperture_))
-      fail(EINVAL, "was set to f/" + std::to_string(*aperture_) + ", but its file states f/" +
-                       std::to_string(*file.settings.f_number) + "; turn the mode dial to M");
+      fail(EINVAL, "was set to f/", *aperture_, ", but its file states f/", *file.settings.f_number,
+           "; turn the mode dial to M");
   }
 
   RawFrame cut(RawFrame frame) const {
@@ -666,9 +658,8 @@ class GphotoCamera final : public TetheredCamera {
     const bool odd = is_bayer(frame.layout) && (window.x % 2 || window.y % 2);
     if (odd || window.width < 1 || window.height < 1 || window.x + window.width > frame.width ||
         window.y + window.height > frame.height)
-      throw InputError("camera '" + description_.name + "': the window does not fit its photographs of " +
-                       std::to_string(frame.width) + "×" + std::to_string(frame.height) +
-                       " pixels; of RAW files, left and top must be even");
+      throw InputError("camera '", description_.name, "': the window does not fit its photographs of ",
+                       frame.width, "×", frame.height, " pixels; of RAW files, left and top must be even");
     const int channels = frame.layout == PixelLayout::rgb ? 3 : 1;
     std::vector<std::uint16_t> samples;
     samples.reserve(std::size_t{1} * window.width * window.height * channels);
@@ -687,7 +678,7 @@ class GphotoCamera final : public TetheredCamera {
     TimePoint start;
     const BracketFile file = photograph(start);
     if (file.bits == 0)
-      throw InputError("camera '" + description_.name + "' makes files with floating-point samples");
+      throw InputError("camera '", description_.name, "' makes files with floating-point samples");
     check_metadata(file);
     description_.bits = file.bits;
     if (file.raw_levels) {
@@ -703,20 +694,20 @@ class GphotoCamera final : public TetheredCamera {
     description_.longest_exposure = shutters_.back().time;
     description_.takes_photographs = true;
     if (!file.is_raw)
-      run_.note(description_.name +
+      run_.note(description_.name,
                 ": makes JPEG files, which have a tone curve and 8 bits; choose RAW where the camera has it, "
                 "else the calibration file must hold the response");
     const auto balance = read_setting(*open_, "whitebalance");
     if (!file.is_raw && balance && has_word(lower_case(balance->value), {"auto"}))
-      run_.note(description_.name +
+      run_.note(description_.name,
                 ": whitebalance is automatic and changes the colours of JPEG files; give it in [controls]");
   }
 
   Shutter shutter_of(Seconds exposure) const {
     const Seconds nearest = settable_exposure(exposure, description_);
     if (std::abs(nearest / exposure - 1.0) > 0.01)
-      throw InputError("camera '" + description_.name + "' has no shutter time of " + seconds_text(exposure) +
-                       "; the nearest is " + seconds_text(nearest));
+      throw InputError("camera '", description_.name, "' has no shutter time of ", seconds_text(exposure),
+                       "; the nearest is ", seconds_text(nearest));
     return *std::ranges::find(shutters_, nearest, &Shutter::time);
   }
 
@@ -729,8 +720,8 @@ class GphotoCamera final : public TetheredCamera {
     RawFrame frame = cut(std::move(file.frame));
     const auto top = static_cast<std::uint16_t>((1u << description_.bits) - 1);
     if (std::ranges::any_of(frame.samples, [&](std::uint16_t sample) { return sample > top; }))
-      fail(EINVAL, "made a file with samples of more than " + std::to_string(description_.bits) +
-                       " bits; do not change its image format during a session");
+      fail(EINVAL, "made a file with samples of more than ", description_.bits,
+           " bits; do not change its image format during a session");
     frame.exposure_start = start;
     frame.exposure = shutter_.time;
     frame.gain = 1.0;

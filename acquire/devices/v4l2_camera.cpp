@@ -11,6 +11,7 @@
 
 #include "acquire/devices/pixel_formats.h"
 #include "acquire/devices/v4l2_device.h"
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -101,10 +102,9 @@ class V4l2Settings {
       const std::string sentence = std::string("keeps choosing its ") + mode.what + " by itself (control " +
                                    control->name + " stays at " + std::to_string(now.value) + ")";
       if (mode.spoils_captures)
-        throw DeviceError(device_.node().string(), EINVAL,
-                          sentence +
-                              "; photographs would not be comparable: use another camera, or set the control "
-                              "in the rig file");
+        throw DeviceError(device_.node().string(), EINVAL, sentence,
+                          "; photographs would not be comparable: use another camera, or set the control "
+                          "in the rig file");
       warnings_.push_back(device_.node().string() + ": " + sentence);
     }
   }
@@ -114,13 +114,12 @@ class V4l2Settings {
       const auto control = std::ranges::find(controls_, name, &V4l2ControlInfo::name);
       const std::string prefix = device_.node().string() + ": control " + name;
       if (control == controls_.end())
-        throw InputError(prefix + " is not there; 'refield acquire devices' lists controls");
+        throw InputError(prefix, " is not there; 'refield acquire devices' lists controls");
       if (value < control->lowest || value > control->highest)
-        throw InputError(prefix + " = " + std::to_string(value) + ": " + range_text(*control));
+        throw InputError(prefix, " = ", value, ": ", range_text(*control));
       if (const std::int64_t now = set(*control, value); now != value)
-        throw DeviceError(device_.node().string(), EINVAL,
-                          "control " + name + " reads " + std::to_string(now) + " after it was set to " +
-                              std::to_string(value) + "; " + range_text(*control));
+        throw DeviceError(device_.node().string(), EINVAL, "control ", name, " reads ", now,
+                          " after it was set to ", value, "; ", range_text(*control));
     }
   }
 
@@ -139,10 +138,6 @@ v4l2_buffer mapped_buffer(std::uint32_t index) {
   buffer.memory = V4L2_MEMORY_MMAP;
   buffer.index = index;
   return buffer;
-}
-
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "×" + std::to_string(height);
 }
 
 bool is_bt709(const v4l2_pix_format& pixels) {
@@ -280,13 +275,13 @@ class V4l2Stream {
                Seconds(0)};
     const std::string remedy = "; 'refield acquire devices' lists formats and sizes";
     if (pixels.pixelformat != fourcc)
-      throw InputError(device_.node().string() + ": gives " + fourcc_text(pixels.pixelformat) +
-                       " in place of " + fourcc_text(fourcc) + remedy);
+      throw InputError(device_.node(), ": gives ", fourcc_text(pixels.pixelformat), " in place of ",
+                       fourcc_text(fourcc), remedy);
     if ((width > 0 && format_.width != width) || (height > 0 && format_.height != height))
-      throw InputError(device_.node().string() + ": gives " + size_text(format_.width, format_.height) +
-                       " pixels in place of " + size_text(width, height) + remedy);
+      throw InputError(device_.node(), ": gives ", size_text(format_.width, format_.height),
+                       " pixels in place of ", size_text(width, height), remedy);
     if (pixels.field != V4L2_FIELD_NONE)
-      throw InputError(device_.node().string() + ": sends interlaced fields; choose a progressive mode");
+      throw InputError(device_.node(), ": sends interlaced fields; choose a progressive mode");
   }
 
   void choose_rate(double rate) {
@@ -299,8 +294,8 @@ class V4l2Stream {
       device_.call(VIDIOC_S_PARM, &parameters, "refuses a frame rate of " + std::to_string(rate) + " Hz");
       const double made = static_cast<double>(interval.denominator) / std::max<__u32>(interval.numerator, 1);
       if (std::abs(made - rate) > 0.02 * rate)
-        throw InputError(device_.node().string() + ": runs at " + std::to_string(made) + " Hz in place of " +
-                         std::to_string(rate) + "; 'refield acquire devices' lists rates");
+        throw InputError(device_.node(), ": runs at ", made, " Hz in place of ", rate,
+                         "; 'refield acquire devices' lists rates");
     }
     if (tells && interval.denominator > 0)
       format_.frame_interval = Seconds(static_cast<double>(interval.numerator) / interval.denominator);
@@ -383,7 +378,7 @@ std::uint32_t best_format(const V4l2Device& device) {
       return format.fourcc;
   std::string names;
   for (const V4l2FormatInfo& format : offered) names += " " + fourcc_text(format.fourcc);
-  throw InputError(device.node().string() + ": offers no format that this program reads, only" + names);
+  throw InputError(device.node(), ": offers no format that this program reads, only", names);
 }
 
 /// Everything that is lost when the camera is unplugged.
@@ -408,13 +403,13 @@ class V4l2Camera final : public StreamingCamera {
     const std::uint32_t fourcc = open_->stream.format().fourcc;
     const auto known = find_v4l2_format(fourcc);
     if (!known)
-      throw InputError(name + ": format " + fourcc_text(fourcc) +
+      throw InputError(name, ": format ", fourcc_text(fourcc),
                        " is not among those that this program reads; 'refield acquire devices' marks them");
     format_ = *known;
     window_ = options_.window.value_or(
         FrameWindow{0, 0, open_->stream.format().width, open_->stream.format().height});
     if (!open_->settings.exposure() && options_.fixed_exposure.count() <= 0.0)
-      throw InputError(name +
+      throw InputError(name,
                        ": has no exposure control that states times; give the exposure that the camera is "
                        "set to as fixed_exposure, in seconds");
     exposure_ = exposure_before_ =
@@ -470,9 +465,8 @@ class V4l2Camera final : public StreamingCamera {
           throw;
         }
       }
-    throw DeviceError(identity_.node.string(), ETIMEDOUT,
-                      "no frame came within " + std::to_string(timeout.count()) +
-                          " s; check cable, trigger and that no other program uses the camera");
+    throw DeviceError(identity_.node.string(), ETIMEDOUT, "no frame came within ", timeout.count(),
+                      " s; check cable, trigger and that no other program uses the camera");
   }
 
  private:
@@ -538,7 +532,7 @@ class V4l2Camera final : public StreamingCamera {
     if (options_.unit_gain <= 0.0)
       return require_range("a gain, without unit_gain in the rig file,", wanted_gain, 1.0, 1.0, 0.0);
     const auto& control = open_->settings.gain();
-    if (!control) throw InputError(camera.name + ": has no gain control; leave out unit_gain");
+    if (!control) throw InputError(camera.name, ": has no gain control; leave out unit_gain");
     require_range("a gain", wanted_gain, static_cast<double>(control->lowest) / options_.unit_gain,
                   static_cast<double>(control->highest) / options_.unit_gain, 0.0);
   }

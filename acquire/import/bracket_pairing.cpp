@@ -3,9 +3,10 @@
 
 #include <Eigen/Cholesky>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
+
+#include "core/image/metrics.h"
 
 namespace refield {
 
@@ -40,13 +41,6 @@ double relative_difference(const BlockMeans& a, const BlockMeans& b) {
   return 2.0 * (a - b).norm() / std::max(1e-12f, a.norm() + b.norm());
 }
 
-double median_of(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
-
 enum class Step : std::uint8_t { pair, missing, black, doubled, stray };
 
 class Aligner {
@@ -59,7 +53,7 @@ class Aligner {
     const bool is_given = series.black && series.black->sum() < brightness[darkest];
     black_ = is_given ? *series.black : series.photographs[darkest];  // room light may be on in the given one
     constexpr double uneven = 1.3, dim = 0.004;  // of black itself; of what patterns give
-    const double level = uneven * black_.sum() + dim * median_of(brightness);
+    const double level = uneven * black_.sum() + dim * upper_median(brightness);
     for (std::size_t i = 0; i < brackets_; ++i) {
       is_black_.push_back(brightness[i] <= level);
       constexpr double equal = 0.02;  // noise and compression; light maps differ by more
@@ -68,7 +62,7 @@ class Aligner {
     }
     std::vector<double> norms;
     for (const BlockMeans& photograph : series.photographs) norms.push_back(photograph.norm());
-    soft_ = static_cast<float>(0.3 * median_of(norms));
+    soft_ = static_cast<float>(0.3 * upper_median(norms));
     predict_by_mean();
   }
 
@@ -102,7 +96,7 @@ class Aligner {
       std::vector<double> values;
       for (std::size_t i = 0; i < brackets_; ++i)
         if (!is_black_[i]) values.push_back(series_.photographs[i](k) - black_(k));
-      const double gain = median_of(values) / std::max(1e-12, median_of(mean[k % 3]));
+      const double gain = upper_median(values) / std::max(1e-12, upper_median(mean[k % 3]));
       for (std::size_t j = 0; j < lights_; ++j) predicted_[j](k) += static_cast<float>(gain * mean[k % 3][j]);
     }
     constexpr float spread = 0.2f;  // of natural light maps of one mean
@@ -139,11 +133,11 @@ class Aligner {
     for (std::size_t j = 0; j + 1 < lights_; ++j)
       if (series_.shown[j] && series_.shown[j + 1])
         intervals.push_back(*series_.shown[j + 1] - *series_.shown[j]);
-    interval_ = median_of(intervals);
-    const double offset = median_of(apart);
+    interval_ = upper_median(intervals);
+    const double offset = upper_median(apart);
     for (const double time : apart) shifts.push_back(std::abs(time - offset));
     offset_.reset();
-    if (2 * apart.size() > pairs.size() && median_of(shifts) < 0.25 * interval_) offset_ = offset;
+    if (2 * apart.size() > pairs.size() && upper_median(shifts) < 0.25 * interval_) offset_ = offset;
   }
 
   void fit(const std::vector<std::pair<std::size_t, std::size_t>>& pairs) {
@@ -198,7 +192,7 @@ class Aligner {
   double median_difference(const std::vector<std::pair<std::size_t, std::size_t>>& pairs) const {
     std::vector<double> differences;
     for (const auto& [i, j] : pairs) differences.push_back(difference(i, j));
-    return median_of(differences);
+    return upper_median(differences);
   }
 
   double cost(std::size_t i, std::size_t j) const {
@@ -312,7 +306,7 @@ class Aligner {
       if (j > 0) wrong.push_back(difference(i, j - 1));
       if (j + 1 < lights_) wrong.push_back(difference(i, j + 1));
     }
-    return right.size() >= enough && (offset_ || median_of(wrong) > clearly * median_of(right));
+    return right.size() >= enough && (offset_ || upper_median(wrong) > clearly * upper_median(right));
   }
 
   const OrderedSeries& series_;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/bracket_merge.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numeric>
 
 #include "acquire/calibrate/calibration.h"
 #include "core/base/linear_algebra.h"
 #include "core/base/number_text.h"
+#include "core/image/metrics.h"
 #include "core/image/tone_map.h"
 
 namespace refield {
@@ -414,11 +414,6 @@ struct TimeRatio {
 std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamples> brackets,
                                                      const BracketCamera& camera) {
   constexpr std::ptrdiff_t enough = 3;  // classes of brightness
-  const auto median_of = [](std::vector<double> values) {
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::ranges::nth_element(values, middle);
-    return *middle;
-  };
   std::vector<std::optional<TimeRatio>> ratios(brackets.front().seconds.size() - 1);
   for (std::size_t i = 0; i < ratios.size(); ++i) {
     std::vector<double> logs, deviations;
@@ -433,10 +428,10 @@ std::vector<std::optional<TimeRatio>> measure_ratios(std::span<const BracketSamp
         logs.push_back(trimmed_mean({pair.log_ratio.begin() + first, pair.log_ratio.end()}));
     }
     if (logs.empty()) continue;
-    const double middle = median_of(logs);
+    const double middle = upper_median(logs);
     for (const double log : logs) deviations.push_back(std::abs(log - middle));
     // 1.4826 · MAD estimates the deviation, and a median has 1.2533 times the standard error of a mean.
-    ratios[i] = {middle, 1.86 * median_of(deviations) / std::sqrt(static_cast<double>(logs.size()))};
+    ratios[i] = {middle, 1.86 * upper_median(deviations) / std::sqrt(static_cast<double>(logs.size()))};
   }
   return ratios;
 }
@@ -530,12 +525,11 @@ void require_brighter_with_time(const BracketSamples& bracket, const BracketCame
         growth.push_back(longer - shorter);
     }
     if (growth.size() < enough) continue;
-    const auto middle = growth.begin() + static_cast<std::ptrdiff_t>(growth.size() / 2);
-    std::ranges::nth_element(growth, middle);
-    if (*middle > 0.0f) continue;
-    throw InputError(bracket.paths[i + 1].string() + ": is " + (*middle < 0.0f ? "darker" : "no brighter") +
-                     " than " + bracket.paths[i].string() + ", though its exposure time is " +
-                     digits(bracket.seconds[i + 1], 6) + " s instead of " + digits(bracket.seconds[i], 6) +
+    const float middle = upper_median(std::move(growth));
+    if (middle > 0.0f) continue;
+    throw InputError(bracket.paths[i + 1], ": is ", middle < 0.0f ? "darker" : "no brighter", " than ",
+                     bracket.paths[i], ", though its exposure time is ", digits(bracket.seconds[i + 1], 6),
+                     " s instead of ", digits(bracket.seconds[i], 6),
                      " s; the times are swapped or wrong, or one photograph was given twice: correct "
                      "--exposures or the files");
   }
@@ -580,9 +574,9 @@ ResponseEstimate estimate_response(std::span<const BracketSamples> brackets) {
   constexpr std::size_t enough = 300;
   constexpr double dark_enough = 0.25, bright_enough = 0.8;
   if (points.size() < enough || darkest > dark_enough || brightest < bright_enough)
-    throw InputError("the camera's response cannot be estimated: " + std::to_string(points.size()) +
-                     " samples that two exposures hold reach from " + percent(darkest) + " to " +
-                     percent(brightest) +
+    throw InputError("the camera's response cannot be estimated: ", points.size(),
+                     " samples that two exposures hold reach from ", percent(darkest), " to ",
+                     percent(brightest),
                      " of the range; photograph a view with darks and brights, with more exposures");
   LogResponse response;
   response.fit(brackets, points, full);

@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <map>
 #include <sstream>
@@ -28,7 +27,7 @@ struct ListLine {
 };
 
 [[noreturn]] void refuse_line(const fs::path& file, int line, const std::string& what) {
-  throw InputError(file.string() + ":" + std::to_string(line) + ": " + what);
+  throw InputError(file, ":", line, ": ", what);
 }
 
 std::vector<ListLine> lines_of(const fs::path& file) {
@@ -42,7 +41,7 @@ std::vector<ListLine> lines_of(const fs::path& file) {
     if (first == std::string::npos) continue;
     lines.push_back({number, line.substr(first, line.find_last_not_of(blanks) + 1 - first)});
   }
-  if (lines.empty()) throw InputError(file.string() + ": is empty; it should list the light sources");
+  if (lines.empty()) throw InputError(file, ": is empty; it should list the light sources");
   return lines;
 }
 
@@ -173,8 +172,7 @@ void read_named_positions(LightStage& stage, const std::vector<ListLine>& lines,
 std::vector<ListLine> lines_beside(const LightStage& stage, const fs::path& file) {
   auto lines = lines_of(file);
   if (lines.size() != stage.sources.size())
-    throw InputError(file.string() + ": has " + std::to_string(lines.size()) + " lines, " +
-                     stage.file.string() + " has " + std::to_string(stage.sources.size()) +
+    throw InputError(file, ": has ", lines.size(), " lines, ", stage.file, " has ", stage.sources.size(),
                      " directions; give one line per light source in each");
   return lines;
 }
@@ -204,9 +202,7 @@ void read_intensities(LightStage& stage, const fs::path& file) {
 fs::path beside(const fs::path& file, const std::string& name) {
   if (fs::exists(file.parent_path() / name)) return file.parent_path() / name;
   for (const fs::directory_entry& entry : fs::directory_iterator(fs::absolute(file).parent_path())) {
-    std::string other = entry.path().filename().string();
-    std::ranges::transform(other, other.begin(), [](unsigned char c) { return std::tolower(c); });
-    if (other == name) return file.parent_path() / entry.path().filename();
+    if (lower_case(entry.path().filename()) == name) return file.parent_path() / entry.path().filename();
   }
   return file.parent_path() / name;
 }
@@ -361,8 +357,7 @@ double degrees_between(const LightSource& a, const LightSource& b) {
 [[noreturn]] void refuse_pair(const LightStage& stage, const LightSource& first, const LightSource& second) {
   const std::string angle = formatted("%.3g°", degrees_between(first, second));
   if (stage.file.empty())
-    throw InputError(second.photograph + ": the light source is " + angle + " from that of " +
-                     first.photograph +
+    throw InputError(second.photograph, ": the light source is ", angle, " from that of ", first.photograph,
                      ", too close to have a texel of its own; leave out one of the two photographs");
   refuse_line(stage.file, second.line,
               "the light source is " + angle + " from that of line " + std::to_string(first.line) +
@@ -468,7 +463,7 @@ Eigen::Vector3d light_direction(const Image& photograph, const MirrorBall& ball)
   const auto room = static_cast<float>(quantile(values, 0.5));
   constexpr float least_contrast = 3.0f;
   if (!(largest > least_contrast * room))
-    throw InputError("the ball at " + position_text(ball.centre_px()) +
+    throw InputError("the ball at ", position_text(ball.centre_px()),
                      " shows no highlight; check --ball, or leave the photograph out");
   cv::Mat1b bright = (brightness > 0.25f * largest) / 255;
   // A small highlight is partly in the pixels around it.
@@ -490,8 +485,8 @@ Eigen::Vector3d light_direction(const Image& photograph, const MirrorBall& ball)
   constexpr double similar = 0.3;  // windows and reflections in the object are weaker
   for (std::size_t region = 1; region < total.size(); ++region)
     if (region != brightest && total[region] > similar * total[brightest])
-      throw InputError("the ball shows two highlights, at " + position_text(centroid[brightest]) + " and " +
-                       position_text(centroid[region]) +
+      throw InputError("the ball shows two highlights, at ", position_text(centroid[brightest]), " and ",
+                       position_text(centroid[region]),
                        "; photograph under one light source at a time, subtract the ambient light "
                        "(--ambient), or leave the photograph out");
   return ball.reflect(centroid[brightest])->direction;

@@ -5,7 +5,6 @@
 
 #include <toml++/toml.h>
 
-#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -15,6 +14,7 @@
 #include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "core/session/capture_session.h"
 
 namespace refield {
@@ -140,21 +140,21 @@ void note_doubtful_times(const std::string& pattern, const std::vector<SeriesFil
                          const std::vector<std::string>& without_line,
                          const std::vector<std::string>& without_file, const RunContext& run) {
   if (!without_line.empty())
-    run.note(pattern + ": not listed in " + times_file_name +
-             ", left out where their metadata have no time: " + listed(without_line, max_names));
+    run.note(pattern, ": not listed in ", times_file_name,
+             ", left out where their metadata have no time: ", listed(without_line, max_names));
   if (!without_file.empty())
-    run.note(pattern + ": listed in " + times_file_name +
-             ", but there is no such file: " + listed(without_file, max_names));
+    run.note(pattern, ": listed in ", times_file_name,
+             ", but there is no such file: ", listed(without_file, max_names));
   std::vector<std::string> equal;
   for (std::size_t i = 0; i < series.size(); ++i)
     if ((i > 0 && series[i].time == series[i - 1].time) ||
         (i + 1 < series.size() && series[i].time == series[i + 1].time))
       equal.push_back(series[i].path.filename().string());
   if (!equal.empty())
-    run.note(pattern +
+    run.note(pattern,
              ": files share one time, so that they are paired in the order of their names, which need "
-             "not be that of their lights: " +
-             listed(equal, max_names) + "; list times with fractions of a second in " + times_file_name);
+             "not be that of their lights: ",
+             listed(equal, max_names), "; list times with fractions of a second in ", times_file_name);
 }
 
 /// In order of time.
@@ -176,9 +176,8 @@ std::vector<SeriesFile> read_series(const std::string& pattern, const RunContext
     if (listed == times.end() && !times.empty()) without_line.push_back(match.path.filename().string());
     if (!time && !times.empty()) continue;  // not photographed, or not shown
     if (!time)
-      throw InputError(match.path.string() +
-                       ": has no capture time in its metadata or its name; list it in " +
-                       (folder / times_file_name).string() + " as NAME<tab>2004-06-21T12:30:05");
+      throw InputError(match.path, ": has no capture time in its metadata or its name; list it in ",
+                       folder / times_file_name, " as NAME<tab>2004-06-21T12:30:05");
     series.push_back({match.path, *time, ""});
   }
   for (const auto& [name, reason] : discarded)
@@ -267,7 +266,7 @@ void copy_atomically(const fs::path& from, const fs::path& to) {
   write_atomically(to, [&](const fs::path& temporary) {
     std::error_code error;
     fs::copy_file(from, temporary, fs::copy_options::overwrite_existing, error);
-    if (error) throw DeviceError(from.string(), error.value(), "cannot copy to " + to.string());
+    if (error) throw DeviceError(from.string(), error.value(), "cannot copy to ", to);
   });
 }
 
@@ -352,25 +351,22 @@ void write_session(const MatchRequest& request, CaptureSession session, const Ru
 }  // namespace
 
 double median_interval(std::span<const ClockSeconds> times) {
-  if (times.size() < 2) return 0.0;
   std::vector<double> intervals;
   for (std::size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
-  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
-  std::nth_element(intervals.begin(), middle, intervals.end());
-  return *middle;
+  return upper_median(std::move(intervals));
 }
 
 ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<const TimedBrightness> second,
                               double largest_offset_seconds, bool with_drift) {
   const std::string remedy = "; give the offset of the clocks with --offset";
   if (first.size() < least_common || second.size() < least_common)
-    throw InputError("series of " + std::to_string(first.size()) + " and " + std::to_string(second.size()) +
-                     " photographs are too short to estimate the clock offset from brightness" + remedy);
+    throw InputError("series of ", first.size(), " and ", second.size(),
+                     " photographs are too short to estimate the clock offset from brightness", remedy);
   if (!(largest_offset_seconds > 0.0))
     throw InputError("the largest offset to try must be above zero seconds");
   const Signal a(first), b(second);
   const double step = 0.5 * std::min(a.interval, b.interval);
-  if (!(step > 0.0)) throw InputError("photographs of one series share one time" + remedy);
+  if (!(step > 0.0)) throw InputError("photographs of one series share one time", remedy);
 
   const auto tries = static_cast<int>(std::min(2e6, std::ceil(largest_offset_seconds / step)));
   std::vector<double> found(2 * tries + 1);
@@ -386,13 +382,12 @@ ClockEstimate estimate_clocks(std::span<const TimedBrightness> first, std::span<
     if (std::abs(i - peak) > another) best.runner_up = std::max(best.runner_up, found[i + tries]);
   refine(a, b, with_drift, step, best);
   if (best.correlation < least_correlation)
-    throw InputError("the brightness of the two series is not correlated (highest correlation " +
-                     std::to_string(best.correlation) + " within ±" + std::to_string(largest_offset_seconds) +
-                     " s); " + remedy.substr(2));
+    throw InputError("the brightness of the two series is not correlated (highest correlation ",
+                     best.correlation, " within ±", largest_offset_seconds, " s); ", remedy.substr(2));
   if (best.runner_up > ambiguous * best.correlation)
     throw InputError(
-        "the brightness of the two series matches equally well at several offsets (correlations " +
-        std::to_string(best.correlation) + " and " + std::to_string(best.runner_up) + ")" + remedy);
+        "the brightness of the two series matches equally well at several offsets (correlations ",
+        best.correlation, " and ", best.runner_up, ")", remedy);
   return best;
 }
 
@@ -431,13 +426,11 @@ MatchSummary match_series(const MatchRequest& request, const RunContext& run) {
   bring_clocks_together(request, observed, probes, summary, run);
   summary.tolerance_seconds = request.tolerance_seconds.value_or(0.5 * median_interval(times_of(probes)));
   if (!(summary.tolerance_seconds >= 0.0))
-    throw InputError("the tolerance is " + std::to_string(summary.tolerance_seconds) +
-                     " s; it must not be negative");
+    throw InputError("the tolerance is ", summary.tolerance_seconds, " s; it must not be negative");
   pair_up(observed, probes, summary);
   if (summary.pairs.empty())
-    throw InputError("no photograph of " + request.observed + " was taken within " +
-                     std::to_string(summary.tolerance_seconds) + " s of a light map of " + request.probes +
-                     "; check the clocks (--offset) and --max-gap");
+    throw InputError("no photograph of ", request.observed, " was taken within ", summary.tolerance_seconds,
+                     " s of a light map of ", request.probes, "; check the clocks (--offset) and --max-gap");
   CaptureSession session = frames_of(request, summary, observed);
   check_image_sizes(session);
   write_session(request, std::move(session), run);

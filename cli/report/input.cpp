@@ -7,6 +7,7 @@
 
 #include "cli/report/page.h"
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/field/drift.h"
 #include "core/field_io/reflectance_field_file.h"
@@ -21,30 +22,24 @@ namespace {
 /// are used.
 constexpr std::uint64_t largest_transport_bytes = 4ull << 30;
 
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "×" + std::to_string(height);
-}
-
 void require_fit(const ReflectanceField& field, const fs::path& path, const CaptureSession& session) {
   if (field.width != session.width || field.height != session.height)
-    throw InputError(path.string() + ": has " + size_text(field.width, field.height) +
-                     " pixels, the photographs of " + text_of(session) + " have " +
-                     size_text(session.width, session.height) +
+    throw InputError(path, ": has ", size_text(field.width, field.height), " pixels, the photographs of ",
+                     text_of(session), " have ", size_text(session.width, session.height),
                      "; give a field that was estimated from this session");
   if (field.basis.domain != session.light)
-    throw InputError(path.string() + ": is made for light maps of " +
-                     size_text(field.basis.domain.width, field.basis.domain.height) + " (" +
-                     std::string(name_of(field.basis.domain.parameterisation)) + "), those of " +
-                     text_of(session) + " are " + size_text(session.light.width, session.light.height) +
-                     " (" + std::string(name_of(session.light.parameterisation)) +
-                     "); give a field that was estimated from this session");
+    throw InputError(
+        path, ": is made for light maps of ", size_text(field.basis.domain.width, field.basis.domain.height),
+        " (", name_of(field.basis.domain.parameterisation), "), those of ", text_of(session), " are ",
+        size_text(session.light.width, session.light.height), " (", name_of(session.light.parameterisation),
+        "); give a field that was estimated from this session");
 }
 
 FieldEntry load_field(const fs::path& path, const CaptureSession& session, const RunContext& run) {
   if (!fs::exists(path))
-    throw InputError(path.string() + ": the field does not exist; create it with 'refield estimate " +
-                     (session.folder.empty() ? "--light … --observed …" : session.folder.string()) + " -o " +
-                     path.string() + "'");
+    throw InputError(path, ": the field does not exist; create it with 'refield estimate ",
+                     session.folder.empty() ? "--light … --observed …" : session.folder.string(), " -o ",
+                     path, "'");
   FieldEntry entry;
   entry.path = path;
   entry.field = read_image_field(path, run);
@@ -72,16 +67,15 @@ void label_fields(std::vector<FieldEntry>& fields) {
 CaptureSession truth_by_name(const CaptureSession& session, const fs::path& folder) {
   const CaptureSession exact = read_capture_session(folder);
   if (exact.width != session.width || exact.height != session.height)
-    throw InputError(folder.string() + ": its images are " + size_text(exact.width, exact.height) +
-                     ", the photographs of " + text_of(session) + " " +
-                     size_text(session.width, session.height) +
+    throw InputError(folder, ": its images are ", size_text(exact.width, exact.height),
+                     ", the photographs of ", text_of(session), " ", size_text(session.width, session.height),
                      "; give the truth that this session was acquired from");
   CaptureSession truth = session;
   truth.frames = session.frames_of(FrameRole::test);
   for (CaptureFrame& frame : truth.frames) {
     const auto match = std::ranges::find(exact.frames, frame.name, &CaptureFrame::name);
     if (match == exact.frames.end())
-      throw InputError(folder.string() + ": has no frame '" + frame.name + "', which " + text_of(session) +
+      throw InputError(folder, ": has no frame '", frame.name, "', which ", text_of(session),
                        " has; give the truth that this session was acquired from");
     frame.observed = match->observed;
   }
@@ -120,7 +114,7 @@ void hold_still(CaptureSession& truth) {
 void load_truth(ReportInput& input, const fs::path& scratch, const RunContext& run) {
   const fs::path path = input.truth_folder / "transport.rfield";
   if (!fs::is_directory(input.truth_folder))
-    throw InputError(input.truth_folder.string() +
+    throw InputError(input.truth_folder,
                      ": is not a folder; give a folder written by 'refield simulate', or remove --truth");
   if (fs::exists(path) && fs::file_size(path) <= largest_transport_bytes) {
     input.transport = read_image_field(path, run);

@@ -8,7 +8,8 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdio>
+
+#include "core/base/number_text.h"
 
 namespace refield {
 
@@ -82,9 +83,9 @@ fs::path create_temporary(const fs::path& path) {
   for (;;) {
     std::uint64_t random = 0;
     if (::getrandom(&random, sizeof random, 0) != sizeof random) fail(errno);
-    char digits[17];
-    std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(random));
-    fs::path temporary = folder_of(path) / (".partial-" + std::string(digits) + "-" + tail);
+    fs::path temporary =
+        folder_of(path) /
+        (".partial-" + formatted("%016llx", static_cast<unsigned long long>(random)) + "-" + tail);
     const int fd = ::open(temporary.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (fd >= 0) {
       ::close(fd);
@@ -96,9 +97,7 @@ fs::path create_temporary(const fs::path& path) {
 
 /// Whether the extension, in whatever case, is one of `known`.
 bool has_extension(const fs::path& path, std::initializer_list<std::string_view> known) {
-  std::string extension = path.extension().string();
-  std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
-  return std::ranges::find(known, extension) != known.end();
+  return std::ranges::find(known, lower_case(path.extension())) != known.end();
 }
 
 bool is_image_file(const fs::path& path) {
@@ -220,9 +219,8 @@ void require_free_space(const fs::path& path, std::uint64_t bytes) {
   std::error_code error;
   const auto space = fs::space(existing, error);
   if (error || space.available >= bytes) return;
-  throw DeviceError(existing.string(), ENOSPC,
-                    "needs " + std::to_string(bytes / 1'000'000 + 1) + " MB, has " +
-                        std::to_string(space.available / 1'000'000) + " MB free");
+  throw DeviceError(existing.string(), ENOSPC, "needs ", bytes / 1'000'000 + 1, " MB, has ",
+                    space.available / 1'000'000, " MB free");
 }
 
 bool comes_before(const fs::path& one, const fs::path& other) {
@@ -263,9 +261,9 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
         other = name;
     }
     if (matches.empty())
-      throw InputError(pattern +
-                       ": the folder contains no images (EXR, HDR, PNG, JPEG, TIFF, PFM, camera RAW)" +
-                       (other.empty() ? "" : ", but other files, for example " + other) +
+      throw InputError(pattern,
+                       ": the folder contains no images (EXR, HDR, PNG, JPEG, TIFF, PFM, camera RAW)",
+                       other.empty() ? "" : ", but other files, for example " + other,
                        "; check its name or convert the files");
   } else if (fs::is_directory(folder_of(path))) {
     for (const auto& entry : fs::directory_iterator(folder_of(path))) {
@@ -276,7 +274,7 @@ std::vector<GlobMatch> expand_glob(const std::string& pattern) {
     }
   }
   if (matches.empty())
-    throw InputError("no file matches '" + pattern + "'; quote the pattern and check the folder's name");
+    throw InputError("no file matches '", pattern, "'; quote the pattern and check the folder's name");
   std::ranges::sort(matches, comes_before, &GlobMatch::path);
   return matches;
 }

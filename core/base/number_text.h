@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
+#include <cctype>
 #include <charconv>
 #include <cstdarg>
 #include <cstddef>
@@ -33,6 +34,16 @@ std::optional<Number> number_from_text(std::string_view text, Format... format) 
   va_end(values);
   va_end(again);
   return text;
+}
+
+inline std::string lower_case(std::string text) {
+  for (char& letter : text) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+  return text;
+}
+
+/// "640×480"
+inline std::string size_text(int width, int height) {
+  return std::to_string(width) + "×" + std::to_string(height);
 }
 
 /// "a, b, c and 4 more": the names of at most `max_items` of a range.

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/field/drift.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "core/image/image_io.h"
+#include "core/image/metrics.h"
 
 namespace refield {
 
@@ -61,19 +61,13 @@ Centre robust_centre(const std::vector<WeightedValue>& values) {
   return centre;
 }
 
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::ranges::nth_element(values, middle);
-  return *middle;
-}
-
 void require_same_light(const CaptureFrame& first, const CaptureFrame& other, Parameterisation domain,
                         const RunContext& run) {
   if (first.illumination == other.illumination) return;
   if (read_illumination(first, domain, run).radiance.values !=
       read_illumination(other, domain, run).radiance.values)
-    throw InputError(other.illumination.string() + ": all reference frames must show the same light; " +
-                     first.illumination.string() + " differs; change the role of one of them");
+    throw InputError(other.illumination, ": all reference frames must show the same light; ",
+                     first.illumination, " differs; change the role of one of them");
 }
 
 /// [frames][pixels × 3] of a lattice of pixels inside the mask; NaN where not measured.
@@ -87,9 +81,8 @@ std::vector<std::vector<float>> read_references(const std::vector<CaptureFrame>&
     run.throw_if_stopped();
     const Photograph photograph = read_photograph(frame.observed);
     if (photograph.radiance.width != session.width || photograph.radiance.height != session.height)
-      throw InputError(frame.observed.string() + ": is " + shape_text(photograph.radiance) +
-                       ", the other photographs are " + std::to_string(session.width) + "×" +
-                       std::to_string(session.height));
+      throw InputError(frame.observed, ": is ", shape_text(photograph.radiance),
+                       ", the other photographs are ", session.width, "×", session.height);
     auto& values = samples.emplace_back();
     for (std::size_t p = 0; p < pixels; p += step) {
       if (!mask.empty() && mask[p] == 0) continue;
@@ -116,7 +109,7 @@ void fit_channel(const std::vector<std::vector<float>>& samples, int channel,
     for (std::size_t p = 0; p < chosen.size(); ++p) {
       std::vector<double> shown;
       for (std::size_t k = 0; k < frames; ++k) shown.push_back(samples[k][chosen[p]] / gain[k]);
-      scene[p] = median_of(std::move(shown));
+      scene[p] = upper_median(std::move(shown));
       brightness.push_back(scene[p]);
     }
     if (brightness.empty()) return;

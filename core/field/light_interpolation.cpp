@@ -8,6 +8,7 @@
 
 #include "core/base/units.h"
 #include "core/field/light_covariance.h"
+#include "core/image/metrics.h"
 
 namespace refield {
 
@@ -41,9 +42,7 @@ double median_spacing(Eigen::ArrayXXd chords) {
   std::vector<double> nearest(static_cast<std::size_t>(chords.cols()));
   for (Eigen::Index i = 0; i < chords.cols(); ++i)
     nearest[static_cast<std::size_t>(i)] = chords.col(i).minCoeff();
-  const auto middle = nearest.begin() + static_cast<std::ptrdiff_t>(nearest.size() / 2);
-  std::ranges::nth_element(nearest, middle);
-  return *middle;
+  return upper_median(std::move(nearest));
 }
 
 /// Relative RMSE of a pixel over the sources, each predicted from all others (Rasmussen and Williams 2006,
@@ -77,7 +76,7 @@ std::string LightInterpolation::fault(const LightDomain& domain) const {
 LightInterpolator::LightInterpolator(const LightInterpolation& interpolation, const LightDomain& domain)
     : interpolation_(interpolation), domain_(domain) {
   if (const std::string fault = interpolation.fault(domain); !fault.empty())
-    throw InputError("the interpolation between light sources " + fault);
+    throw InputError("the interpolation between light sources ", fault);
   directions_ = directions_of(interpolation.sources, domain);
   solid_angles_.resize(directions_.rows());
   for (int y = 0; y < domain.height; ++y)

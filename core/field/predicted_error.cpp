@@ -4,9 +4,9 @@
 #include <tbb/parallel_for.h>
 
 #include <cmath>
-#include <cstdio>
 #include <numeric>
 
+#include "core/base/number_text.h"
 #include "core/field/light_error.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/metrics.h"
@@ -59,19 +59,15 @@ std::string LearningCurve::advice() const {
   if (!known_) return "";
   const double now = error_at(1.0);
   const double twice = error_at(2.0);
-  char text[192];
   if (twice <= (1.0 - worthwhile) * now)
-    std::snprintf(text, sizeof text,
-                  "more images would help: twice as many would reduce the median pixel error from about %.2f "
-                  "%% to %.2f %%",
-                  100.0 * now, 100.0 * twice);
-  else
-    std::snprintf(text, sizeof text,
-                  "more images would hardly help: with twice as many, the median pixel error would be about "
-                  "%.2f %% (now %.2f %%)%s",
-                  100.0 * twice, 100.0 * now,
-                  floor_ > 0.5 * now * now ? "; most of it is photograph noise" : "");
-  return text;
+    return formatted(
+        "more images would help: twice as many would reduce the median pixel error from about %.2f "
+        "%% to %.2f %%",
+        100.0 * now, 100.0 * twice);
+  return formatted(
+      "more images would hardly help: with twice as many, the median pixel error would be about "
+      "%.2f %% (now %.2f %%)%s",
+      100.0 * twice, 100.0 * now, floor_ > 0.5 * now * now ? "; most of it is photograph noise" : "");
 }
 
 namespace {
@@ -135,10 +131,7 @@ class Prediction {
         lattice_[static_cast<std::size_t>(v) * lattice_width_ + u] = {true, log_error, log_ratio};
         ratios.push_back(log_ratio);
       }
-    if (ratios.empty()) return;
-    const auto middle = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-    std::nth_element(ratios.begin(), middle, ratios.end());
-    common_log_ratio_ = *middle;
+    common_log_ratio_ = upper_median(std::move(ratios));
   }
 
   /// Squared relative error of leave-one-out, steadied by the neighbours.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/image/metrics.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -23,17 +22,8 @@ bool counts(const Mask& mask, std::size_t pixel) {
 
 void require_same_shape(const Image& predicted, const Image& observed) {
   if (!predicted.same_shape(observed))
-    throw InputError("cannot compare an image of " + shape_text(predicted) + " with one of " +
+    throw InputError("cannot compare an image of ", shape_text(predicted), " with one of ",
                      shape_text(observed));
-}
-
-SeriesError error_of(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  if (predicted.size() != observed.size())
-    throw InputError("cannot compare " + std::to_string(predicted.size()) + " images with " +
-                     std::to_string(observed.size()));
-  SeriesError error(mask);
-  for (std::size_t i = 0; i < predicted.size(); ++i) error.add(predicted[i], observed[i]);
-  return error;
 }
 
 /// Ranks from 0; equal values share the mean of their places.
@@ -53,8 +43,7 @@ std::vector<double> ranks_of(std::span<const float> values) {
 
 void require_fit(const Mask& mask, const Image& image) {
   if (!mask.empty() && mask.size() != image.pixel_count())
-    throw InputError("the mask has " + std::to_string(mask.size()) + " pixels, the image " +
-                     std::to_string(image.pixel_count()));
+    throw InputError("the mask has ", mask.size(), " pixels, the image ", image.pixel_count());
 }
 
 /// Adds Σ(predicted − observed)² and Σ observed² over a pixel's measured samples.
@@ -82,8 +71,8 @@ void SeriesError::add(const Image& predicted, const Image& observed, const Image
     error_.assign(observed.pixel_count(), 0.0);
     signal_.assign(observed.pixel_count(), 0.0);
   } else if (observed.width != width_ || observed.height != height_) {
-    throw InputError("the images of a series differ in size: " + std::to_string(width_) + "×" +
-                     std::to_string(height_) + " and " + shape_text(observed));
+    throw InputError("the images of a series differ in size: ", width_, "×", height_, " and ",
+                     shape_text(observed));
   }
   ++images_;
   for (std::size_t pixel = 0; pixel < error_.size(); ++pixel)
@@ -107,16 +96,10 @@ double SeriesError::pixel_quantile(double q) const {
   return quantile(values_in_mask(relative_rmse_map(), mask_), q);
 }
 
-double relative_rmse(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  return error_of(predicted, observed, mask).relative_rmse();
-}
-
 double relative_rmse(const Image& predicted, const Image& observed, const Mask& mask) {
-  return relative_rmse(std::span(&predicted, 1), std::span(&observed, 1), mask);
-}
-
-Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed, const Mask& mask) {
-  return error_of(predicted, observed, mask).relative_rmse_map();
+  SeriesError error(mask);
+  error.add(predicted, observed);
+  return error.relative_rmse();
 }
 
 double quantile(std::vector<float> values, double q) {
@@ -163,7 +146,7 @@ double psnr_db(double error) {
 double tone_mapped_psnr_db(const Image& predicted, const Image& observed, const Mask& mask,
                            const Image& sigma) {
   if (!predicted.same_shape(observed) || (!sigma.empty() && !sigma.same_shape(observed)))
-    throw InputError("cannot compare an image of " + shape_text(predicted) + " with one of " +
+    throw InputError("cannot compare an image of ", shape_text(predicted), " with one of ",
                      shape_text(observed));
   const auto exposure = static_cast<float>(exposure_to_white(observed, mask));
   const auto shown = [&](float value) { return srgb_from_linear(std::clamp(value * exposure, 0.0f, 1.0f)); };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-#include <utility>
+#include <algorithm>
 
 #include "core/image/image.h"
 
@@ -18,8 +18,8 @@ class SeriesError {
   void add(const Image& predicted, const Image& observed, const Image& sigma = {});
 
   std::size_t images() const { return images_; }
+  /// As the function below, over all images; or of each pixel, [height × width × 1], 0 outside the mask.
   double relative_rmse() const;
-  /// [height × width × 1]; pixels outside the mask are 0.
   Image relative_rmse_map() const;
   /// The q-quantile of relative_rmse_map() inside the mask.
   double pixel_quantile(double q) const;
@@ -33,19 +33,22 @@ class SeriesError {
   std::vector<double> signal_;  // [pixels], Σ observed²
 };
 
-/// sqrt(Σ(predicted − observed)² / Σ observed²) over all images, pixels of the mask and channels, unitless.
+/// sqrt(Σ(predicted − observed)² / Σ observed²) over pixels of the mask and channels, unitless.
 /// Zero observed and zero predicted give 0; zero observed with any prediction gives infinity.
 /// Throws InputError when the shapes differ.
-double relative_rmse(std::span<const Image> predicted, std::span<const Image> observed,
-                     const Mask& mask = {});
 double relative_rmse(const Image& predicted, const Image& observed, const Mask& mask = {});
-
-/// The same for each pixel over the images and channels, [height × width × 1]. Pixels outside the mask are 0.
-Image relative_rmse_map(std::span<const Image> predicted, std::span<const Image> observed,
-                        const Mask& mask = {});
 
 /// The q-quantile, 0 ≤ q ≤ 1, by linear interpolation between order statistics. NaN for no values.
 double quantile(std::vector<float> values, double q);
+
+/// The median; of an even number of values the larger of the middle two, of none 0.
+template <class Value>
+Value upper_median(std::vector<Value> values) {
+  if (values.empty()) return Value{};
+  const auto middle = values.begin() + std::ssize(values) / 2;
+  std::ranges::nth_element(values, middle);
+  return *middle;
+}
 
 /// Spearman's rank correlation, −1 to 1; equal values share their mean rank. NaN for fewer than two pairs or
 /// where one side is constant. Throws InputError when the lengths differ.

@@ -2,6 +2,7 @@
 #include "estimate/job/refinement.h"
 
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "core/field_io/reflectance_field_file.h"
 
 namespace refield {
@@ -17,13 +18,9 @@ std::set<std::string> frames_of(const ReflectanceField& field, const fs::path& p
       if (name.is_string()) names.insert(name.get<std::string>());
   if (names.empty())
     throw InputError(
-        path.string() +
+        path,
         ": does not contain the names of its training images; refine a field written by 'refield estimate'");
   return names;
-}
-
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "×" + std::to_string(height);
 }
 
 }  // namespace
@@ -32,30 +29,28 @@ Refinement::Refinement(const fs::path& path, const CaptureSession& session,
                        std::span<const CaptureFrame> frames, const RunContext& run)
     : path_(path), field_(read_reflectance_field(path, run)) {
   if (field_.width != session.width || field_.height != session.height)
-    throw InputError(path.string() + ": is a field of " + size_text(field_.width, field_.height) +
-                     " pixels, the photographs are " + size_text(session.width, session.height) +
+    throw InputError(path, ": is a field of ", size_text(field_.width, field_.height),
+                     " pixels, the photographs are ", size_text(session.width, session.height),
                      "; refine a field of the same capture");
   if (field_.basis.domain != session.light)
-    throw InputError(path.string() + ": takes light maps of " +
-                     size_text(field_.basis.domain.width, field_.basis.domain.height) + " (" +
-                     std::string(name_of(field_.basis.domain.parameterisation)) + "), the capture's are " +
-                     size_text(session.light.width, session.light.height) + " (" +
-                     std::string(name_of(session.light.parameterisation)) +
-                     "); refine a field of the same capture");
+    throw InputError(path, ": takes light maps of ",
+                     size_text(field_.basis.domain.width, field_.basis.domain.height), " (",
+                     name_of(field_.basis.domain.parameterisation), "), the capture's are ",
+                     size_text(session.light.width, session.light.height), " (",
+                     name_of(session.light.parameterisation), "); refine a field of the same capture");
   if (field_.colour_space != session.colour_space())
-    throw InputError(path.string() + ": is in " + std::string(name_of(field_.colour_space)) +
-                     ", the photographs are in " + std::string(name_of(session.colour_space())) +
-                     "; estimate without --refine");
+    throw InputError(path, ": is in ", name_of(field_.colour_space), ", the photographs are in ",
+                     name_of(session.colour_space()), "; estimate without --refine");
   known_names_ = frames_of(field_, path);
   std::set<std::string> missing = known_names_;
   for (const CaptureFrame& frame : frames) missing.erase(frame.name);
   if (!missing.empty())
-    throw InputError(path.string() + ": was estimated from frame '" + *missing.begin() + "'" +
-                     (missing.size() > 1 ? " and " + std::to_string(missing.size() - 1) + " more" : "") +
+    throw InputError(path, ": was estimated from frame '", *missing.begin(), "'",
+                     missing.size() > 1 ? " and " + std::to_string(missing.size() - 1) + " more" : "",
                      " that is missing in the capture; refine with all old images and the new ones");
   use_frames(frames);
   if (std::ranges::count(is_new_, 1) == 0)
-    throw InputError(path.string() + ": was estimated from all " + std::to_string(frames.size()) +
+    throw InputError(path, ": was estimated from all ", frames.size(),
                      " training images already; there are no new images");
 }
 

@@ -4,11 +4,12 @@
 #include <tbb/parallel_for.h>
 
 #include <cmath>
-#include <cstdio>
 
 #include "core/base/files.h"
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
+#include "core/image/metrics.h"
 
 namespace refield {
 
@@ -16,14 +17,11 @@ namespace {
 
 void log_drift(const Drift& drift, const RunContext& run) {
   if (drift.points.empty()) return;
-  char text[160];
-  std::snprintf(text, sizeof text, "drift: brightness changed by up to %.2f %% over %zu reference frames: %s",
-                100.0 * drift.largest, drift.points.size(),
-                drift.significant ? "divided out" : "below the measurement uncertainty, not corrected");
-  run.note(text);
+  run.note(formatted("drift: brightness changed by up to %.2f %% over %zu reference frames: %s",
+                     100.0 * drift.largest, drift.points.size(),
+                     drift.significant ? "divided out" : "below the measurement uncertainty, not corrected"));
   for (const DriftPoint& point : drift.points)
-    if (!point.used)
-      run.note("drift: " + point.frame + " does not fit the curve of the others and is ignored");
+    if (!point.used) run.note("drift: ", point.frame, " does not fit the curve of the others and is ignored");
 }
 
 /// The fit squares products of samples and sums of light in single precision, which further off are infinite
@@ -32,12 +30,10 @@ void require_usual_brightness(const EstimateJob& job) {
   constexpr double min_mean = 1e-9, max_mean = 1e7;
   const double typical = std::sqrt(job.mean_square);
   if (typical == 0.0 || (typical >= min_mean && typical <= max_mean)) return;
-  char text[160];
-  std::snprintf(text, sizeof text,
-                ": the photographs' samples are about %.1e, too %s for the computation; scale all "
-                "photographs by the same factor to values around 1",
-                typical, typical < min_mean ? "small" : "large");
-  throw InputError(name_of(job.session) + text);
+  throw InputError(name_of(job.session),
+                   formatted(": the photographs' samples are about %.1e, too %s for the computation; scale "
+                             "all photographs by the same factor to values around 1",
+                             typical, typical < min_mean ? "small" : "large"));
 }
 
 double share_not_measured(const PixelSample& sample) {
@@ -63,15 +59,13 @@ void require_measured_channels(const EstimateJob& job, const PixelSample& sample
   if (lacking == 0) return;
   for (int c = 0; c < 3; ++c)
     if (!measured[c])
-      throw InputError(name_of(job.session) + ": no photograph measured the " + channels[c] +
+      throw InputError(name_of(job.session), ": no photograph measured the ", channels[c],
                        " channel (all its samples are clipped or marked by sigma = inf), so it would be "
                        "black; check sigma, the exposure and --clip");
-  char text[200];
-  std::snprintf(text, sizeof text,
-                "about %.2g %% of the pixels have a channel that no photograph measured (sigma = inf or "
+  run.note(
+      formatted("about %.2g %% of the pixels have a channel that no photograph measured (sigma = inf or "
                 "clipped): it is black there, and the error of these pixels is not predicted",
-                100.0 * lacking / sample.pixels);
-  run.note(text);
+                100.0 * lacking / sample.pixels));
 }
 
 /// A photograph or light map that changed since it was taken changes the field.
@@ -141,11 +135,11 @@ void correct(EstimateJob& job, const RigModel& rig, FrameReport& report) {
 void log_rig(const RigReport& rig, const RunContext& run) {
   for (const RigFinding& finding : rig.findings) {
     if (finding.state == RigFinding::State::good) continue;
-    char text[120];
-    std::snprintf(text, sizeof text, "; %s, residual %.4f to %.4f",
-                  finding.state == RigFinding::State::corrected ? "corrected" : "not corrected",
+    const bool is_corrected = finding.state == RigFinding::State::corrected;
+    const std::string outcome =
+        formatted("; %s, residual %.4f to %.4f", is_corrected ? "corrected" : "not corrected",
                   finding.residual_before, finding.residual_after);
-    run.note("rig, " + finding.effect + ": " + finding.measured + text);
+    run.note("rig, ", finding.effect, ": ", finding.measured, outcome);
   }
 }
 
@@ -252,8 +246,7 @@ std::optional<double> room_light_in(const EstimateJob& job, const EstimateOption
   const auto median = [&](auto value) {
     std::vector<double> values;
     for (const Sample& of : samples) values.push_back(value(of));
-    std::ranges::nth_element(values, values.begin() + std::ssize(values) / 2);
-    return values[values.size() / 2];
+    return upper_median(std::move(values));
   };
   const double times = median([](const Sample& of) { return of.difference / of.room; });
   const double before = median([](const Sample& of) { return of.scale * std::abs(of.difference); });
@@ -272,24 +265,20 @@ void assess_frames(const EstimateJob& job, const EstimateOptions& options, const
     std::optional<double> room;
     if (outlier.kind != OutlierFrame::Kind::region && !evidence.search.too_many)
       room = room_light_in(job, options, evidence, outlier.frame, run);
-    char text[160];
-    if (room) {
-      std::snprintf(
-          text, sizeof text,
+    if (room)
+      why = formatted(
           "the room light was on: it shows %.3g times the ambient photograph besides what its light explains",
           *room);
-      why = text;
-    }
     list.push_back({job.frames[outlier.frame].name, why, outlier});
   }
 }
 
 void log_frames(const FrameReport& report, std::size_t images, const RunContext& run) {
-  for (const LeftOutFrame& frame : report.left_out) run.note(frame.name + " is left out: " + frame.why);
+  for (const LeftOutFrame& frame : report.left_out) run.note(frame.name, " is left out: ", frame.why);
   if (!report.doubtful.empty())
-    run.note(std::to_string(report.doubtful.size()) + " of " + std::to_string(images) +
-             " photographs do not fit the others, too many to leave out; check the capture. The first: " +
-             report.doubtful.front().name + ": " + report.doubtful.front().why);
+    run.note(report.doubtful.size(), " of ", images,
+             " photographs do not fit the others, too many to leave out; check the capture. The first: ",
+             report.doubtful.front().name, ": ", report.doubtful.front().why);
 }
 
 void leave_out(EstimateJob& job, const FrameReport& report, const EstimateOptions& options) {

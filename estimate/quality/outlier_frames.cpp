@@ -5,11 +5,12 @@
 #include <tbb/parallel_for.h>
 
 #include <cmath>
-#include <cstdio>
 
 #include "core/base/linear_algebra.h"
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
+#include "core/image/metrics.h"
 #include "estimate/fit/box_table.h"
 #include "estimate/fit/vector_kernels.h"
 #include "estimate/job/observations.h"
@@ -505,10 +506,6 @@ constexpr int max_rounds = 8;
 constexpr double close_to_worst = 1.5;
 constexpr float tiny = 1e-12f;
 
-float median_of(std::vector<float> values) {
-  return reordered_median(values);
-}
-
 /// How far each value lies above the median of those not left out, in units of the limit: beyond 1 is an
 /// outlier.
 std::vector<double> excess(const std::vector<float>& statistic, const std::vector<char>& left_out,
@@ -516,9 +513,9 @@ std::vector<double> excess(const std::vector<float>& statistic, const std::vecto
   std::vector<float> logs;
   for (std::size_t j = 0; j < statistic.size(); ++j)
     if (!left_out[j]) logs.push_back(std::log(std::max(statistic[j], tiny)));
-  const float centre = median_of(logs);
+  const float centre = upper_median(logs);
   for (float& value : logs) value = std::abs(value - centre);
-  const double reach = std::max(limit.deviations * 1.4826 * median_of(logs), limit.least);
+  const double reach = std::max(limit.deviations * 1.4826 * upper_median(logs), limit.least);
   std::vector<double> result;
   for (const float value : statistic) result.push_back((std::log(std::max(value, tiny)) - centre) / reach);
   return result;
@@ -545,10 +542,10 @@ class Examination {
           if (const auto measured = size(j, p)) in_cell.push_back(*measured);
         if (2 * in_cell.size() < pixels.size()) in_cell.clear();  // the median of few would stand out
         sizes.insert(sizes.end(), in_cell.begin(), in_cell.end());
-        cells_[i].push_back(median_of(std::move(in_cell)));
+        cells_[i].push_back(upper_median(std::move(in_cell)));
         worst = std::max(worst, cells_[i].back());
       }
-      whole_.push_back(median_of(std::move(sizes)));
+      whole_.push_back(upper_median(std::move(sizes)));
       worst_cell_.push_back(worst);
     }
   }
@@ -560,12 +557,12 @@ class Examination {
   double relative_residual(int j, const std::vector<int>& pixels) const {
     std::vector<float> values;
     for_each_ratio(j, pixels, [&](int, float ratio) { values.push_back(std::abs(ratio)); });
-    return median_of(std::move(values));
+    return upper_median(std::move(values));
   }
   std::array<double, 3> brightness(int j, const std::vector<int>& pixels) const {
     std::array<std::vector<float>, 3> values;
     for_each_ratio(j, pixels, [&](int c, float ratio) { values[c].push_back(ratio); });
-    return {median_of(values[0]), median_of(values[1]), median_of(values[2])};
+    return {upper_median(values[0]), upper_median(values[1]), upper_median(values[2])};
   }
   /// What is left of the relative residual once the brightness of each channel is put right.
   double residual_besides_brightness(int j, const std::vector<int>& pixels,
@@ -574,7 +571,7 @@ class Examination {
     for_each_ratio(j, pixels, [&](int c, float ratio) {
       values.push_back(static_cast<float>(std::abs(ratio - brightness[c])));
     });
-    return median_of(std::move(values));
+    return upper_median(std::move(values));
   }
   /// Cells whose residual in frame j is far from their own usual one.
   std::vector<std::size_t> differing_cells(int j) const {
@@ -582,7 +579,8 @@ class Examination {
     for (std::size_t i = 0; i < cells_.size(); ++i) {
       std::vector<float> measured = cells_[i];
       std::erase(measured, 0.0f);
-      if (cells_[i][j] > cell_differs * std::max(median_of(std::move(measured)), tiny)) result.push_back(i);
+      if (cells_[i][j] > cell_differs * std::max(upper_median(std::move(measured)), tiny))
+        result.push_back(i);
     }
     return result;
   }
@@ -636,7 +634,7 @@ Typical typical_of(const Examination& found, const std::vector<int>& pixels,
     cell.push_back(found.worst_cell()[j]);
     residual.push_back(static_cast<float>(found.relative_residual(static_cast<int>(j), pixels)));
   }
-  return {std::max(median_of(whole), tiny), std::max(median_of(cell), tiny), median_of(residual)};
+  return {std::max(upper_median(whole), tiny), std::max(upper_median(cell), tiny), upper_median(residual)};
 }
 
 /// `everywhere`: it stands out over the whole picture, not in a cell alone.
@@ -665,8 +663,8 @@ OutlierFrame describe(const Examination& found, const PixelSample& sample, const
   }
   outlier.kind = OutlierFrame::Kind::region;
   outlier.share = static_cast<double>(cells.size()) / static_cast<double>(sample.cells.size());
-  outlier.x = static_cast<int>(median_of(xs));
-  outlier.y = static_cast<int>(median_of(ys));
+  outlier.x = static_cast<int>(upper_median(xs));
+  outlier.y = static_cast<int>(upper_median(ys));
   outlier.times_typical = found.worst_cell()[j] / typical.worst_cell;
   outlier.residual = found.relative_residual(j, pixels);
   outlier.brightness = found.brightness(j, pixels);
@@ -687,32 +685,25 @@ std::vector<char> worst_fifth(const Examination& found) {
 }  // namespace
 
 std::string description_of(const OutlierFrame& outlier) {
-  char text[200];
   const auto percent = [](double value) { return 100.0 * value; };
   switch (outlier.kind) {
     case OutlierFrame::Kind::brightness: {
       const auto& b = outlier.brightness;
-      std::snprintf(
-          text, sizeof text,
+      return formatted(
           "its brightness is off by %+.1f, %+.1f, %+.1f %% (red, green, blue): a flicker or another exposure",
           percent(b[0]), percent(b[1]), percent(b[2]));
-      break;
     }
     case OutlierFrame::Kind::light:
-      std::snprintf(text, sizeof text,
-                    "it differs by %.0f %% from what the other photographs predict, %.0f times as much as "
-                    "usual: perhaps it was taken under another light",
-                    percent(outlier.residual), outlier.times_typical);
-      break;
-    case OutlierFrame::Kind::region:
-      std::snprintf(text, sizeof text,
-                    "%.0f %% of the picture, around pixel (%d, %d), differs by %.0f %%, %.0f times as much "
-                    "as usual: something moved there",
-                    percent(outlier.share), outlier.x, outlier.y, percent(outlier.residual),
-                    outlier.times_typical);
-      break;
+      return formatted(
+          "it differs by %.0f %% from what the other photographs predict, %.0f times as much as "
+          "usual: perhaps it was taken under another light",
+          percent(outlier.residual), outlier.times_typical);
+    default:  // a region
+      return formatted(
+          "%.0f %% of the picture, around pixel (%d, %d), differs by %.0f %%, %.0f times as much "
+          "as usual: something moved there",
+          percent(outlier.share), outlier.x, outlier.y, percent(outlier.residual), outlier.times_typical);
   }
-  return text;
 }
 
 OutlierSearch find_outlier_frames(const LightGrams& grams, const PixelSample& sample, const RunContext& run) {

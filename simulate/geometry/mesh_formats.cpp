@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <charconv>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -15,6 +14,8 @@
 #include <span>
 #include <sstream>
 #include <utility>
+
+#include "core/base/number_text.h"
 
 namespace refield::prt {
 
@@ -45,13 +46,6 @@ class Words {
   static constexpr std::string_view blanks = " \t\r\n\f\v";
   std::string_view rest_;
 };
-
-std::string lower_case(std::string_view word) {
-  std::string lower(word);
-  std::ranges::transform(lower, lower.begin(),
-                         [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return lower;
-}
 
 std::optional<double> number_in(std::string_view word) {
   if (word.starts_with('+')) word.remove_prefix(1);
@@ -96,7 +90,7 @@ void for_lines(std::string_view text, bool continued, const std::function<void(s
     try {
       read(joined);
     } catch (const MeshFault& fault) {
-      throw MeshFault("line " + std::to_string(number) + ": " + fault.what());
+      throw MeshFault("line ", number, ": ", fault.what());
     }
     joined.clear();
   }
@@ -111,14 +105,14 @@ std::string text_of(double number) {
 std::uint32_t index_of(double index, std::size_t count) {
   if (index >= 0.0 && index < static_cast<double>(count) && index == std::floor(index))
     return static_cast<std::uint32_t>(index);
-  throw MeshFault("a face names vertex " + text_of(index) + " of " + std::to_string(count) +
+  throw MeshFault("a face names vertex ", text_of(index), " of ", count,
                   ": the index is out of range; export the file again");
 }
 
 void require_room(std::string_view bytes, const char* what, double count, double least_bytes) {
   if (count >= 0.0 && count * least_bytes <= static_cast<double>(bytes.size())) return;
-  throw MeshFault("it promises " + text_of(count) + ' ' + what + ", but a file of " +
-                  std::to_string(bytes.size()) + " bytes cannot hold that many; it is damaged or cut off");
+  throw MeshFault("it promises ", text_of(count), ' ', what, ", but a file of ", bytes.size(),
+                  " bytes cannot hold that many; it is damaged or cut off");
 }
 
 /// Divides colours by what they count to: bytes by 255; longer integers and floats may count to 1, 255 or
@@ -324,7 +318,7 @@ class Ply {
     std::string_view type = line.next();
     const char count = type == "list" ? ply_type(line.next()) : '\0';
     if (count != 0) type = line.next();
-    const std::string name = lower_case(line.next());
+    const std::string name = lower_case(std::string(line.next()));
     const std::size_t slot = ply_slot(name);
     elements_.back().properties.push_back({ply_type(type), count, slot});
     const auto has = [&](std::string_view word) { return name.find(word) != std::string::npos; };
@@ -570,7 +564,7 @@ void read_mtl(const fs::path& file, const fs::path& path, Mtl& mtl, ImportedMesh
   };
   for_lines(content_of(file), true, [&](std::string_view line) {
     Words words(line);
-    const std::string key = lower_case(words.next());
+    const std::string key = lower_case(std::string(words.next()));
     if (key == "newmtl") {
       close();
       material.emplace();
@@ -619,8 +613,7 @@ class Obj {
           "it has not all the materials that it names; parts without are white (reflectance 0.8)\n";
     for (std::uint32_t& material : faces_.materials) material = materials[material];
     if (painted_ != 0 && painted_ != faces_.positions.size())
-      throw MeshFault("it has colours (#MRGB) of " + std::to_string(painted_) + " of its " +
-                      std::to_string(faces_.positions.size()) +
+      throw MeshFault("it has colours (#MRGB) of ", painted_, " of its ", faces_.positions.size(),
                       " vertices; export it with the colours of all, or of none");
     if (is_coloured_)
       scale_colours(faces_.colours);
@@ -640,8 +633,7 @@ class Obj {
  private:
   void read_vertex(const std::vector<double>& values) {
     if (values.size() != 3 && values.size() != 4 && values.size() != 6)
-      throw MeshFault("a vertex has " + std::to_string(values.size()) +
-                      " numbers; give x y z, x y z w or x y z r g b");
+      throw MeshFault("a vertex has ", values.size(), " numbers; give x y z, x y z w or x y z r g b");
     const double w = values.size() == 4 && values[3] != 0.0 ? values[3] : 1.0;
     faces_.positions.push_back((Eigen::Vector3d(values[0], values[1], values[2]) / w).cast<float>());
     const bool coloured = values.size() == 6;
@@ -694,7 +686,7 @@ class Obj {
           return true;
         }
         if (!refused.empty())
-          throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
+          throw MeshFault("it refers to ", refused, "; put all that belongs to the mesh into one folder");
       }
       return false;
     };
@@ -759,8 +751,8 @@ class Off {
     const std::size_t plain = 3 + (normals_ ? 3 : 0) + (places_ ? 2 : 0),
                       expected = plain + (colours_ ? 4 : 0);
     if (v.size() != expected && !(colours_ && v.size() == plain + 3))
-      throw MeshFault("a vertex has " + std::to_string(v.size()) +
-                      " numbers where the first line of the file promises " + std::to_string(expected) +
+      throw MeshFault("a vertex has ", v.size(), " numbers where the first line of the file promises ",
+                      expected,
                       "; put each vertex on a line, and name the file's variant (COFF, NOFF, STOFF)");
     const auto three = [&](std::size_t i) {
       return Eigen::Vector3d(v[i], v[i + 1], v[i + 2]).cast<float>().eval();

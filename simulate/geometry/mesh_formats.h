@@ -8,7 +8,8 @@ namespace refield::prt {
 
 /// Why a mesh is refused, in words that are not the file's.
 struct MeshFault : std::runtime_error {
-  using std::runtime_error::runtime_error;
+  template <class... Parts>
+  explicit MeshFault(const Parts&... parts) : std::runtime_error(concatenated(parts...)) {}
 };
 
 /// A polygon over vertices of the mesh as triangles: ears are clipped, so it may be concave. Throws MeshFault

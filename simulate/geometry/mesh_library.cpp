@@ -8,8 +8,6 @@
 #include <assimp/Importer.hpp>
 
 #include <algorithm>
-#include <cctype>
-#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -21,15 +19,14 @@
 #include <utility>
 
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "simulate/geometry/mesh_import.h"
 
 namespace refield::prt {
 
 std::string mesh_format_of(const fs::path& path) {
-  std::string format = path.extension().string();
-  if (!format.empty()) format.erase(0, 1);
-  for (char& letter : format) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  return format;
+  const std::string extension = lower_case(path.extension());
+  return extension.substr(std::min<std::size_t>(extension.size(), 1));
 }
 
 bool may_be_read_for(const fs::path& mesh, const fs::path& file, std::string* refused) {
@@ -249,7 +246,7 @@ void require_supported(const Gltf& file) {
         "its first buffer is another file, which GLB files are not read with; export it as .gltf");
   for (const std::string& name : gltf.value("extensionsRequired", std::vector<std::string>{}))
     if (!supported_extensions().contains(name))
-      throw MeshFault("it requires the glTF extension " + extension_name(name) +
+      throw MeshFault("it requires the glTF extension ", extension_name(name),
                       ", which is not supported; export the mesh without it");
 }
 
@@ -261,8 +258,7 @@ std::uint64_t triangles_of(const Json& gltf, const Json& primitive) {
   constexpr int of_floats = 5126;
   for (const char* name : {"POSITION", "NORMAL", "TEXCOORD_0"})
     if (attributes.contains(name) && accessor(attributes[name]).value("componentType", 0) != of_floats)
-      throw MeshFault(std::string("its attribute ") + name +
-                      " is stored as integers (quantized); export it as floats");
+      throw MeshFault("its attribute ", name, " is stored as integers (quantized); export it as floats");
   if (!attributes.contains("POSITION")) return 0;
   const Json& corners = primitive.contains("indices") ? primitive["indices"] : attributes["POSITION"];
   const auto count = accessor(corners).at("count").get<std::uint64_t>();
@@ -426,7 +422,7 @@ ImportedMesh read_gltf(const std::string& bytes, const fs::path& path) {
   importer.SetIOHandler(new FolderOnly(path, content, refused));  // owned by the importer
   const aiScene* scene = importer.ReadFile(path, 0);
   if (!refused.empty())
-    throw MeshFault("it refers to " + refused + "; put all that belongs to the mesh into one folder");
+    throw MeshFault("it refers to ", refused, "; put all that belongs to the mesh into one folder");
   if (scene == nullptr) throw MeshFault(kind_of_fault(importer.GetErrorString()));
   const std::span parts(scene->mMeshes, scene->mNumMeshes);
   const Parts have{std::ranges::all_of(parts, [](const aiMesh* part) { return part->HasNormals(); }),
@@ -435,8 +431,7 @@ ImportedMesh read_gltf(const std::string& bytes, const fs::path& path) {
   append_node(*scene, *scene->mRootNode, aiMatrix4x4(), have, mesh);
   // The library leaves out triangles whose indices are out of range.
   if (mesh.triangles.size() != promised)
-    throw MeshFault("it promises " + std::to_string(promised) + " triangles, of which " +
-                    std::to_string(mesh.triangles.size()) +
+    throw MeshFault("it promises ", promised, " triangles, of which ", mesh.triangles.size(),
                     " can be read: an index is out of range; export the file again");
   append_materials(gltf.json, *scene, path, mesh);
   return mesh;

@@ -2,11 +2,11 @@
 #include "simulate/prt/prt_scene.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <numeric>
 
 #include "core/base/config_file.h"
+#include "core/base/number_text.h"
 #include "core/field/transfer_tiles.h"
 #include "simulate/geometry/place_mesh.h"
 #include "simulate/geometry/scene_description.h"
@@ -27,7 +27,7 @@ void append(const SceneObject& object, const fs::path& path, Scene& scene) {
   const auto add = [&](const Material& material) {
     constexpr std::size_t max_materials = 65535;  // numbered in 16 bits
     if (scene.materials.size() == max_materials)
-      throw InputError(path.string() + ": the scene has more than " + std::to_string(max_materials) +
+      throw InputError(path, ": the scene has more than ", max_materials,
                        " materials, one for each object and each roughness in its file; join some objects");
     scene.materials.push_back(material);
     return static_cast<std::uint16_t>(scene.materials.size() - 1);
@@ -70,9 +70,7 @@ Scene read_description(const fs::path& path, Gloss gloss, const RunContext& run)
 }  // namespace
 
 Scene read_scene(const fs::path& path, const RunContext& run, Gloss gloss) {
-  std::string extension = path.extension().string();
-  for (char& letter : extension) letter = static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
-  if (extension == ".toml") return read_description(path, gloss, run);
+  if (lower_case(path.extension()) == ".toml") return read_description(path, gloss, run);
   Scene scene;
   MeshFile file = read_mesh_file(path, {.gloss = gloss}, run);
   SceneObject object{std::move(file.mesh), {}, std::move(file.lobes)};

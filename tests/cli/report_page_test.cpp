@@ -17,6 +17,7 @@
 #include "core/session/capture_session.h"
 #include "tests/cli/matchers.h"
 #include "tests/support/random_data.h"
+#include "tests/support/series_error.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield::report {

@@ -8,6 +8,7 @@
 
 #include "core/base/errors.h"
 #include "tests/support/random_data.h"
+#include "tests/support/series_error.h"
 
 namespace refield {
 namespace {

@@ -14,6 +14,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/job/checkpoint.h"
+#include "tests/support/series_error.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 

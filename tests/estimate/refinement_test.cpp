@@ -8,6 +8,7 @@
 #include "core/field_io/reflectance_field_file.h"
 #include "core/image/metrics.h"
 #include "estimate/estimate.h"
+#include "tests/support/series_error.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"
 

@@ -11,6 +11,7 @@
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
 #include "estimate/estimate.h"
+#include "tests/support/series_error.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

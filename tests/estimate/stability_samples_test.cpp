@@ -12,6 +12,7 @@
 #include "core/base/rng.h"
 #include "core/image/image_io.h"
 #include "estimate/estimate.h"
+#include "tests/support/series_error.h"
 #include "tests/support/stability.h"
 #include "tests/support/synthetic_capture.h"
 #include "tests/support/temporary_folder.h"

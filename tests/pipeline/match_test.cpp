@@ -13,6 +13,7 @@
 #include "core/field_io/reflectance_field_file.h"
 #include "tests/pipeline/program.h"
 #include "tests/support/random_data.h"
+#include "tests/support/series_error.h"
 #include "tests/support/temporary_folder.h"
 
 namespace refield {

@@ -9,6 +9,7 @@
 #include "core/image/metrics.h"
 #include "tests/relight/mixed_field.h"
 #include "tests/support/random_data.h"
+#include "tests/support/series_error.h"
 
 namespace refield {
 namespace {

@@ -13,6 +13,7 @@
 #include "core/base/rng.h"
 #include "core/image/image_io.h"
 #include "core/image/metrics.h"
+#include "tests/support/series_error.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield::test {

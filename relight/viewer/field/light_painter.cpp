@@ -4,9 +4,9 @@
 #include <tbb/parallel_for.h>
 #include <Eigen/Geometry>
 
-#include <algorithm>
 #include <numbers>
 
+#include "core/base/number_text.h"
 #include "core/image/image.h"
 #include "core/light/cube_map.h"
 
@@ -210,10 +210,6 @@ std::size_t texel_number(const Point& texel, const LightDomain& domain) {
   return static_cast<std::size_t>(y) * domain.width + x;
 }
 
-std::string size_text(int width, int height) {
-  return std::to_string(width) + "×" + std::to_string(height);
-}
-
 bool has_proportions(const Image& image, double width, double height) {
   constexpr double tolerance = 0.01;  // sizes are whole numbers of texels
   return std::abs(image.width * height / (image.height * width) - 1.0) < tolerance;
@@ -222,10 +218,10 @@ bool has_proportions(const Image& image, double width, double height) {
 void require_proportions(const Image& image, const LightDomain& domain) {
   const std::string given = "the map is " + size_text(image.width, image.height);
   if (domain.parameterisation == Parameterisation::cube && !has_proportions(image, 1.0, 6.0))
-    throw InputError(given + ", the field expects a cube map: six square faces from top to bottom (1:6)");
+    throw InputError(given, ", the field expects a cube map: six square faces from top to bottom (1:6)");
   if (domain.parameterisation == Parameterisation::lat_long && !has_proportions(image, 2.0, 1.0) &&
       !has_proportions(image, domain.width, domain.height))
-    throw InputError(given + ", the field expects a lat-long map, which is twice as wide as high");
+    throw InputError(given, ", the field expects a lat-long map, which is twice as wide as high");
 }
 
 bool has_same_map(const LightSetup& a, const LightSetup& b) {
@@ -293,8 +289,8 @@ std::optional<Box> united(const std::optional<Box>& a, const std::optional<Box>&
 
 void LightSetup::set_map(std::optional<LightMap> light) {
   if (light && light->domain() != domain)
-    throw InputError("a light map of " + shape_text(light->radiance) + " does not fit the field's of " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height));
+    throw InputError("a light map of ", shape_text(light->radiance), " does not fit the field's of ",
+                     domain.width, "×", domain.height);
   map = light ? std::make_shared<const LightMap>(*std::move(light)) : nullptr;
   environment.reset();
   projector.reset();
