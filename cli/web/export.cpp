@@ -21,6 +21,8 @@ namespace {
 constexpr int mantissa_bits = 9;
 constexpr int largest_mantissa = (1 << mantissa_bits) - 1;
 constexpr int largest_exponent = 31;
+constexpr int max_count =
+    std::numeric_limits<std::uint16_t>::max();  // of kernels of a pixel, texels of a side
 
 /// The basis of a field without the boxes that no pixel uses. `number` [kernels of the field] becomes their
 /// numbers in it.
@@ -44,10 +46,11 @@ LightBasis used_basis(const ReflectanceField& field, std::vector<std::uint32_t>&
 constexpr std::size_t part_bytes = std::size_t{12} << 20;
 
 /// Bytes of equal significance one after another: they resemble one another and compress well.
-template <class T>
-std::string shuffled(const std::vector<T>& values, const RunContext& run) {
-  std::string bytes(values.size() * sizeof(T), '\0');
-  for (std::size_t b = 0; b < sizeof(T); ++b) {
+template <class Values>
+std::string shuffled(const Values& values, const RunContext& run) {
+  constexpr std::size_t size = sizeof(values[0]);
+  std::string bytes(values.size() * size, '\0');
+  for (std::size_t b = 0; b < size; ++b) {
     run.throw_if_stopped();
     for (std::size_t i = 0; i < values.size(); ++i)
       bytes[b * values.size() + i] = static_cast<char>(values[i] >> (8 * b));
@@ -79,7 +82,7 @@ void require_page_folder(const fs::path& folder) {
            read == start;
   };
   const auto refuse = [](const fs::path& path) {
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": already exists and is not part of an exported page; give an empty or new folder");
   };
   const bool exported = starts_with(folder / "data.js", "refield.describe(");
@@ -132,9 +135,8 @@ class DataWriter {
  public:
   explicit DataWriter(PageWriter& page) : page_(page) {}
 
-  template <class T>
-  void add(const char* name, const std::vector<T>& values, const RunContext& run,
-           const char* kind = nullptr) {
+  template <class Values>
+  void add(const char* name, const Values& values, const RunContext& run, const char* kind = nullptr) {
     const std::string bytes = shuffled(values, run);
     Json parts = Json::array();
     for (std::size_t at = 0; at < bytes.size(); at += part_bytes) {
@@ -144,7 +146,7 @@ class DataWriter {
                   run);
       parts.push_back(file);
     }
-    arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(T)}, {"parts", parts}};
+    arrays_[name] = {{"values", values.size()}, {"bytes", sizeof(values[0])}, {"parts", parts}};
     if (kind) arrays_[name]["kind"] = kind;
   }
 
@@ -242,19 +244,24 @@ Json interpolation_of(const LightInterpolation& of) {
 /// Adds the field and describes it.
 Json add_field(const ReflectanceField& field, const std::string& title, DataWriter& data,
                ExportReport& report, const RunContext& run) {
-  const PackedField packed = pack(field, run);
-  ReflectanceField shown = unpacked(packed, run);
-  shown.output_from_primaries = field.output_from_primaries;
+  const auto [shown, exponent] = page_field(field, run);
   measure(field, shown, report, run);
-  data.add("counts", packed.counts, run);
-  data.add("kernels", packed.kernels, run);
-  data.add("weights", packed.weights, run);
-  data.add("boxes", corners_of(packed.basis.boxes), run);
+  const SparseTransfer& transfer = shown.transfer;
+  std::vector<std::uint16_t> counts;
+  for (std::size_t p = 0; p < transfer.rows(); ++p)
+    counts.push_back(static_cast<std::uint16_t>(transfer.row_start[p + 1] - transfer.row_start[p]));
+  std::vector<std::uint32_t> weights;
+  for (std::size_t i = 0; i < transfer.entries(); ++i)
+    weights.push_back(exponent.packed(&transfer.weight[3 * i]));
+  data.add("counts", counts, run);
+  data.add("kernels", transfer.column, run);
+  data.add("weights", weights, run);
+  data.add("boxes", corners_of(shown.basis.boxes), run);
   const LightDomain& light = field.basis.domain;
-  const HatGrid& hats = packed.basis.hats;
+  const HatGrid& hats = shown.basis.hats;
   Json described{{"title", title},
-                 {"width", packed.width},
-                 {"height", packed.height},
+                 {"width", shown.width},
+                 {"height", shown.height},
                  {"light",
                   {{"width", light.width},
                    {"height", light.height},
@@ -262,11 +269,11 @@ Json add_field(const ReflectanceField& field, const std::string& title, DataWrit
                    {"window", window_of(field)}}},
                  {"hats", {{"columns", hats.columns}, {"rows", hats.rows}}},
                  {"exposure", report.exposure},
-                 {"exponent_offset", packed.exponent.offset}};
+                 {"exponent_offset", exponent.offset}};
   if (field.mixes_colours())
     for (const auto& row : field.output_from_primaries.rowwise())
       for (const float entry : row) described["mixing"].push_back(entry);
-  if (packed.basis.interpolation) described["interpolation"] = interpolation_of(*packed.basis.interpolation);
+  if (shown.basis.interpolation) described["interpolation"] = interpolation_of(*shown.basis.interpolation);
   return described;
 }
 
@@ -298,57 +305,38 @@ void SharedExponent::unpack(std::uint32_t bits, float* rgb) const {
     rgb[c] = std::ldexp(static_cast<float>(bits >> (mantissa_bits * c) & largest_mantissa), e - offset);
 }
 
-PackedField pack(const ReflectanceField& field, const RunContext& run) {
-  constexpr int most = std::numeric_limits<std::uint16_t>::max();
+PageField page_field(const ReflectanceField& field, const RunContext& run) {
   const LightDomain& domain = field.basis.domain;
-  if (domain.width > most || domain.height > most)
-    throw InputError("the light map of " + std::to_string(domain.width) + "×" +
-                     std::to_string(domain.height) +
+  if (domain.width > max_count || domain.height > max_count)
+    throw InputError("the light map of ", domain.width, "×", domain.height,
                      " is too large for a page; at most 65535 texels per side are supported");
   if (field.mesh || field.basis.measure == Measure::solid_angle)
     throw InputError(
         "a precomputed field is lit by a cube map, which a page has not; relight it by 'refield relight' or "
         "'refield view'");
-  if (std::ranges::any_of(field.transfer.weight, [](float weight) { return weight < 0.0f; }))
+  const SparseTransfer& transfer = field.transfer;
+  if (std::ranges::any_of(transfer.weight, [](float weight) { return weight < 0.0f; }))
     throw InputError(
         "the field has negative weights, which a page cannot hold; relight it by 'refield relight' or "
         "'refield view'");
-  PackedField packed;
-  packed.width = field.width;
-  packed.height = field.height;
+  for (std::size_t p = 0; p < transfer.rows(); ++p)
+    if (const std::uint64_t count = transfer.row_start[p + 1] - transfer.row_start[p]; count > max_count)
+      throw InputError("a pixel has ", count, " kernels; a page shows at most 65535");
+  const float largest = transfer.weight.empty() ? 0.0f : *std::ranges::max_element(transfer.weight);
+  PageField page;
+  page.exponent = SharedExponent::for_largest(largest);
+  page.field.width = field.width;
+  page.field.height = field.height;
+  page.field.output_from_primaries = field.output_from_primaries;
+  page.field.transfer = transfer;
   std::vector<std::uint32_t> number;
-  packed.basis = used_basis(field, number);
-  const SparseTransfer& transfer = field.transfer;
-  packed.exponent = SharedExponent::for_largest(
-      transfer.weight.empty() ? 0.0f : *std::ranges::max_element(transfer.weight));
-  for (std::size_t p = 0; p < transfer.rows(); ++p) {
-    const std::uint64_t count = transfer.row_start[p + 1] - transfer.row_start[p];
-    if (count > most)
-      throw InputError("a pixel has " + std::to_string(count) + " kernels; a page shows at most 65535");
-    packed.counts.push_back(static_cast<std::uint16_t>(count));
-  }
+  page.field.basis = used_basis(field, number);
   for (std::size_t i = 0; i < transfer.entries(); ++i) {
     if (i % 65536 == 0) run.throw_if_stopped();
-    packed.kernels.push_back(number[transfer.column[i]]);
-    packed.weights.push_back(packed.exponent.packed(&transfer.weight[3 * i]));
+    page.field.transfer.column[i] = number[transfer.column[i]];
+    page.exponent.unpack(page.exponent.packed(&transfer.weight[3 * i]), &page.field.transfer.weight[3 * i]);
   }
-  return packed;
-}
-
-ReflectanceField unpacked(const PackedField& packed, const RunContext& run) {
-  ReflectanceField field;
-  field.width = packed.width;
-  field.height = packed.height;
-  field.basis = packed.basis;
-  for (const std::uint16_t count : packed.counts)
-    field.transfer.row_start.push_back(field.transfer.row_start.back() + count);
-  field.transfer.column.assign(packed.kernels.begin(), packed.kernels.end());
-  field.transfer.weight.resize(packed.weights.size() * 3);
-  for (std::size_t i = 0; i < packed.weights.size(); ++i) {
-    if (i % 65536 == 0) run.throw_if_stopped();
-    packed.exponent.unpack(packed.weights[i], &field.transfer.weight[3 * i]);
-  }
-  return field;
+  return page;
 }
 
 ExportReport export_page(const ReflectanceField& field, const std::string& title, const fs::path& folder,

@@ -15,23 +15,16 @@ struct SharedExponent {
   void unpack(std::uint32_t bits, float* rgb) const;
 };
 
-/// A field as a page holds it. Kernels that no pixel uses are left out.
-struct PackedField {
-  int width = 0;
-  int height = 0;
-  LightBasis basis;
+/// The field that a page shows: weights as `exponent` rounds them, which packed() gives back, and no kernel
+/// that no pixel uses.
+struct PageField {
+  ReflectanceField field;
   SharedExponent exponent;
-  std::vector<std::uint16_t> counts;   ///< [pixels], entries of each
-  std::vector<std::uint32_t> kernels;  ///< [entries]
-  std::vector<std::uint32_t> weights;  ///< [entries], packed
 };
 
 /// Throws InputError for a precomputed field, over a cube map, for negative weights, a light map wider or
 /// higher than 65535 texels, or a pixel of more kernels.
-PackedField pack(const ReflectanceField& field, const RunContext& run = {});
-
-/// The field that the page shows: with the weights as they were rounded.
-ReflectanceField unpacked(const PackedField& packed, const RunContext& run = {});
+PageField page_field(const ReflectanceField& field, const RunContext& run = {});
 
 /// What an exported page costs.
 struct ExportReport {

@@ -61,6 +61,7 @@ TEST(SharedExponent, RoundsByLessThanItsMantissa) {
     float back[3];
     exponent.unpack(exponent.packed(rgb), back);
     for (int c = 0; c < 3; ++c) ASSERT_NEAR(back[c], rgb[c], rounding * scale) << scale;
+    ASSERT_EQ(exponent.packed(back), exponent.packed(rgb)) << scale;
   }
 }
 
@@ -81,12 +82,11 @@ TEST(SharedExponent, ZeroTinyAndMantissasThatRoundUp) {
   EXPECT_EQ(round_trip(0.5f), 0.5f);
 }
 
-TEST(PackedField, RelightsAsTheFieldDoes) {
+TEST(PageField, RelightsAsTheFieldDoes) {
   const ReflectanceField field = sample_field(Parameterisation::monitor);
-  const web::PackedField packed = web::pack(field);
   Rng rng(2);
   const LightMap light = test::random_light(rng, field.basis.domain);
-  const Image expected = field.relight(light), seen = web::unpacked(packed).relight(light);
+  const Image expected = field.relight(light), seen = web::page_field(field).field.relight(light);
   for (std::size_t p = 0; p < expected.pixel_count(); ++p) {
     const auto* values = &expected.values[3 * p];
     // Weights differ between channels by more than the light does: a bound on the largest bounds them all.
@@ -95,24 +95,22 @@ TEST(PackedField, RelightsAsTheFieldDoes) {
   }
 }
 
-TEST(PackedField, LeavesOutBoxesThatNoPixelUses) {
+TEST(PageField, LeavesOutBoxesThatNoPixelUses) {
   ReflectanceField field = sample_field(Parameterisation::monitor);
   const std::size_t boxes = field.basis.boxes.size();
   field.basis.boxes.insert(field.basis.boxes.end(), 30, Box{0, 0, 3, 3});
-  const web::PackedField packed = web::pack(field);
-  EXPECT_LE(packed.basis.boxes.size(), boxes);
-  EXPECT_EQ(web::unpacked(packed).transfer.entries(), field.transfer.entries());
+  const ReflectanceField shown = web::page_field(field).field;
+  EXPECT_LE(shown.basis.boxes.size(), boxes);
+  EXPECT_EQ(shown.transfer.entries(), field.transfer.entries());
 }
 
-TEST(PackedField, PackingEndsOnAnInterruption) {
+TEST(PageField, EndsOnAnInterruption) {
   const ReflectanceField field = sample_field(Parameterisation::monitor);
-  const web::PackedField packed = web::pack(field);
-  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::pack(field, run); }));
-  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::unpacked(packed, run); }));
+  EXPECT_TRUE(test::heeds_interruption([&](const RunContext& run) { web::page_field(field, run); }));
 }
 
-TEST(PackedField, RefusesPrecomputedFields) {
-  EXPECT_THROW(web::pack(test::unshadowed_field(prt::rabbit_mesh(6))), InputError);
+TEST(PageField, RefusesPrecomputedFields) {
+  EXPECT_THROW(web::page_field(test::unshadowed_field(prt::rabbit_mesh(6))), InputError);
 }
 
 TEST(ExportWeb, WritesAPageAndSaysWhatItCosts) {
