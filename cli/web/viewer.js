@@ -63,11 +63,6 @@ class Viewer {
     requestAnimationFrame((time) => { this.requested = false; this.frame(time); });
   }
 
-  /// Whether the whole image is drawn and nothing moves.
-  atRest() {
-    return !this.requested && !this.refinement;
-  }
-
   /// Where a whole image takes long, drafts are drawn while something moves, and the whole when it rests.
   spacing() {
     const slow = this.wholeTime ?? 0;

@@ -36,7 +36,7 @@ class Check:
 
     def settle(self):
         """Waits for the frame that the last input asked for."""
-        self.browser.wait_until("viewer !== null && viewer.atRest()")
+        self.browser.wait_until("viewer !== null && !viewer.requested && !viewer.refinement")
 
     def page_state(self):
         """The page's light and the pixels that it draws under it."""
