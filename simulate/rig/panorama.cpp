@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/rig/light_maps.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/base/rng.h"
@@ -51,65 +50,20 @@ struct Style {
 
 const std::array styles{
     // Day in a city.
-    Style{true,
-          {0.16f, 0.32f, 0.75f},
-          {0.6f, 0.7f, 0.8f},
-          {0.18f, 0.17f, 0.16f},
-          0.5f,
-          90,
-          0.70f,
-          0.35f,
-          10,
-          {1, 1, 1},
-          300},
+    Style{true, Rgb(0.16f, 0.32f, 0.75f), Rgb(0.6f, 0.7f, 0.8f), Rgb(0.18f, 0.17f, 0.16f), 0.5f, 90, 0.70f,
+          0.35f, 10, Rgb(1, 1, 1), 300},
     // Evening.
-    Style{true,
-          {0.10f, 0.12f, 0.35f},
-          {0.95f, 0.42f, 0.16f},
-          {0.09f, 0.07f, 0.07f},
-          0.7f,
-          60,
-          0.65f,
-          0.35f,
-          60,
-          {2.5f, 1.6f, 0.7f},
-          90},
+    Style{true, Rgb(0.10f, 0.12f, 0.35f), Rgb(0.95f, 0.42f, 0.16f), Rgb(0.09f, 0.07f, 0.07f), 0.7f, 60, 0.65f,
+          0.35f, 60, Rgb(2.5f, 1.6f, 0.7f), 90},
     // Wood or garden.
-    Style{true,
-          {0.35f, 0.5f, 0.7f},
-          {0.7f, 0.75f, 0.7f},
-          {0.10f, 0.16f, 0.05f},
-          0.4f,
-          6,
-          2.20f,
-          0.8f,
-          0,
-          {1, 1, 1},
-          200},
+    Style{true, Rgb(0.35f, 0.5f, 0.7f), Rgb(0.7f, 0.75f, 0.7f), Rgb(0.10f, 0.16f, 0.05f), 0.4f, 6, 2.20f,
+          0.8f, 0, Rgb(1, 1, 1), 200},
     // Room with windows and area lights.
-    Style{false,
-          {0.30f, 0.28f, 0.25f},
-          {0.28f, 0.25f, 0.2f},
-          {0.16f, 0.10f, 0.06f},
-          0.0f,
-          40,
-          1.10f,
-          0.6f,
-          40,
-          {3.0f, 2.3f, 1.4f},
-          0},
+    Style{false, Rgb(0.30f, 0.28f, 0.25f), Rgb(0.28f, 0.25f, 0.2f), Rgb(0.16f, 0.10f, 0.06f), 0.0f, 40, 1.10f,
+          0.6f, 40, Rgb(3.0f, 2.3f, 1.4f), 0},
     // Town at night, signs and neon.
-    Style{true,
-          {0.01f, 0.012f, 0.03f},
-          {0.09f, 0.05f, 0.08f},
-          {0.03f, 0.03f, 0.04f},
-          0.2f,
-          160,
-          0.80f,
-          0.3f,
-          260,
-          {1.6f, 1.6f, 1.6f},
-          0},
+    Style{true, Rgb(0.01f, 0.012f, 0.03f), Rgb(0.09f, 0.05f, 0.08f), Rgb(0.03f, 0.03f, 0.04f), 0.2f, 160,
+          0.80f, 0.3f, 260, Rgb(1.6f, 1.6f, 1.6f), 0},
 };
 
 Style random_style(Rng& rng) {
