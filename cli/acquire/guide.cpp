@@ -13,7 +13,6 @@
 #include "acquire/devices/monitors.h"
 #include "acquire/devices/v4l2_device.h"
 #include "acquire/hdr/hdr_merge.h"
-#include "cli/acquire/live_view.h"
 #include "cli/acquire/session_rig.h"
 #include "cli/acquire/until_error.h"
 #include "cli/common/options.h"
@@ -60,8 +59,7 @@ std::string time_text(double seconds) {
 int whole_number(const std::string& text, int low, int high) {
   const auto value = number_from_text<int>(text);
   if (!value || *value < low || *value > high)
-    throw InputError("'" + text + "' is not valid; give a whole number from " + std::to_string(low) + " to " +
-                     std::to_string(high));
+    throw InputError("'", text, "' is not valid; give a whole number from ", low, " to ", high);
   return *value;
 }
 
@@ -185,13 +183,13 @@ class Guide {
            const std::string& standard, const Accept& accept) {
     if (!given.empty() || !asks_) {
       if (given.empty() && standard.empty())
-        throw InputError(name + " is missing; give it, since --yes accepts defaults only");
+        throw InputError(name, " is missing; give it, since --yes accepts defaults only");
       const std::string& answer = given.empty() ? standard : given;
       std::printf("%s%s %s\n", question.c_str(), question.ends_with("?") ? "" : ":", answer.c_str());
       try {
         accept(answer);
       } catch (const InputError& error) {
-        throw InputError((given.empty() ? "" : name + ": ") + error.what());
+        throw InputError(given.empty() ? "" : name + ": ", error.what());
       }
       return;
     }
@@ -217,7 +215,7 @@ class Guide {
       else if (answer == "no" || answer == "n")
         result = false;
       else
-        throw InputError("'" + answer + "' is not valid; answer yes or no");
+        throw InputError("'", answer, "' is not valid; answer yes or no");
     });
     return result;
   }
@@ -323,7 +321,7 @@ class Guide {
     for (const std::string& setting : options_.settings) {
       const auto dot = setting.find('.'), mark = setting.find('=');
       if (dot == std::string::npos || mark == std::string::npos || dot == 0 || dot + 1 >= mark)
-        throw InputError("--set " + setting + ": give SECTION.KEY=VALUE");
+        throw InputError("--set ", setting, ": give SECTION.KEY=VALUE");
       const std::string value = setting.substr(mark + 1);
       const bool is_plain =
           value == "true" || value == "false" ||
@@ -363,7 +361,7 @@ class Guide {
         std::to_string(usual_width) + "x" + std::to_string(suited), [&](const std::string& answer) {
           const auto mark = answer.find('x');
           if (mark == std::string::npos)
-            throw InputError("'" + answer + "' is not a size; give WIDTHxHEIGHT, such as 160x90");
+            throw InputError("'", answer, "' is not a size; give WIDTHxHEIGHT, such as 160x90");
           width = whole_number(answer.substr(0, mark), 8, monitor.width > 0 ? monitor.width : 65536);
           height = whole_number(answer.substr(mark + 1), 8, monitor.height > 0 ? monitor.height : 65536);
         });
@@ -550,7 +548,7 @@ class Guide {
               if (answer == "stop") throw Interrupted();
               again = answer == "again";
               if (!again && answer != "continue")
-                throw InputError("'" + answer + "' is not valid; answer continue, again or stop");
+                throw InputError("'", answer, "' is not valid; answer continue, again or stop");
             });
       is_usable = is_usable && !again;
     }

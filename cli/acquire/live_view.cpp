@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "cli/acquire/live_view.h"
+#include "cli/acquire/session_rig.h"
 
 #include <poll.h>
 #include <sys/ioctl.h>
@@ -76,6 +76,16 @@ class AutoExposure {
   Seconds exposure_;
 };
 
+/// A raw frame as an image, linear, of any unit; nothing about the camera needs to be known.
+Image image_of(const RawFrame& frame, const CameraDescription& camera) {
+  CameraCalibration assumed;
+  assumed.bits = camera.bits;
+  // Eight bits are gamma-encoded as a rule.
+  assumed.linear_from_dn = camera.bits == 8 ? srgb_response(8) : linear_response(camera.bits);
+  assumed.saturation_dn = (1 << camera.bits) - 1;
+  return merge_exposures({&frame, 1}, assumed).radiance;
+}
+
 int draw(const RawFrame& frame, const CameraDescription& camera, Seconds exposure, double& best) {
   const int lines = print_image(image_of(frame, camera));
   const double sharpness = sharpness_of(frame);
@@ -110,15 +120,6 @@ int print_image(const Image& image) {
     std::printf("\033[0m\033[K\n");
   }
   return height / 2;
-}
-
-Image image_of(const RawFrame& frame, const CameraDescription& camera) {
-  CameraCalibration assumed;
-  assumed.bits = camera.bits;
-  // Eight bits are gamma-encoded as a rule.
-  assumed.linear_from_dn = camera.bits == 8 ? srgb_response(8) : linear_response(camera.bits);
-  assumed.saturation_dn = (1 << camera.bits) - 1;
-  return merge_exposures({&frame, 1}, assumed).radiance;
 }
 
 void live_view(SessionRig& rig, double gain) {

@@ -104,6 +104,14 @@ class SessionRig {
   std::optional<GpioTrigger> trigger_;
 };
 
+/// Prints an image on the terminal in 24-bit colour, two pixels per character, no wider than the terminal.
+/// Returns the number of lines.
+int print_image(const Image& image);
+
+/// Shows the frames of the camera on the terminal under a white monitor, each with its sharpness, until Enter
+/// is pressed; the exposure follows the brightness. Of a camera that takes photographs, one is shown.
+void live_view(SessionRig& rig, double gain);
+
 /// On standard error, where progress is, too: what a person should know but need not act on. A sentence is
 /// printed once.
 void tell(const std::string& sentence);
