@@ -18,9 +18,8 @@ struct DriveImage {
 inline void require_size(const DriveImage& image, int width, int height, const std::string& display) {
   if (image.width != width || image.height != height ||
       image.levels.size() != std::size_t{3} * width * height)
-    throw InputError(display + ": a pattern of " + std::to_string(image.width) + "×" +
-                     std::to_string(image.height) + " does not fit the " + std::to_string(width) + "×" +
-                     std::to_string(height) + " texels of the configured light maps");
+    throw InputError(display, ": a pattern of ", image.width, "×", image.height, " does not fit the ", width,
+                     "×", height, " texels of the configured light maps");
 }
 
 struct IlluminatorDescription {

@@ -62,7 +62,7 @@ std::array<int, 2> parse_pixel(const std::string& text) {
     const auto y = std::from_chars(x.ptr + 1, end, pixel[1]);
     if (y.ec == std::errc{} && y.ptr == end) return pixel;
   }
-  throw InputError("--pixel " + text +
+  throw InputError("--pixel ", text,
                    ": is not a pixel position; give column and row, for example --pixel 80,60");
 }
 
@@ -91,7 +91,7 @@ void write_report(const CompareOptions& options, const Common& common) {
 void compare_field(const CompareOptions& options, const Common& common) {
   if (options.output.extension() == ".html") return write_report(options, common);
   if (!options.output.empty())
-    throw InputError("--output " + options.output.string() +
+    throw InputError("--output ", options.output,
                      ": a field is compared in a page; give the name of a page (.html)");
   const Session session = open_capture(options.capture);
   const Field field(options.predicted, run_context());
@@ -108,7 +108,7 @@ void compare_field(const CompareOptions& options, const Common& common) {
 void run_compare(const CompareOptions& options, const Common& common) {
   if (fs::path(options.predicted).extension() == ".rfield") return compare_field(options, common);
   if (options.capture.session.empty() && !options.capture.by_pairs())
-    throw InputError("no observed images are given; compare " + options.predicted +
+    throw InputError("no observed images are given; compare ", options.predicted,
                      " with images as 'refield compare PREDICTED OBSERVED', or with a session");
   compare_images(options, common);
 }

@@ -31,7 +31,7 @@ RowRange rows_from_text(const std::string& text, const Session& session, const E
   const auto number = [&](const std::string& digits, int if_empty) {
     if (digits.size() > 9 || digits.find_first_not_of("0123456789") != std::string::npos ||
         (digits.empty() && is_shard))
-      throw InputError("--rows " + text +
+      throw InputError("--rows ", text,
                        ": is not a range of rows; give A:B for rows A to B - 1, counted from 0, or I/N for "
                        "the I-th of N shards");
     return digits.empty() ? if_empty : std::stoi(digits);
@@ -168,8 +168,7 @@ void add_estimation_options(CLI::App& verb, EstimationArguments& arguments) {
 Session open_estimation(EstimationArguments& arguments) {
   arguments.options.mode = estimate_mode_from_name(arguments.mode);
   if (!(arguments.memory_gib > 0.0 && arguments.memory_gib < 1e6))
-    throw InputError("--memory is " + std::to_string(arguments.memory_gib) +
-                     "; give a number of GiB above 0");
+    throw InputError("--memory is ", arguments.memory_gib, "; give a number of GiB above 0");
   arguments.options.memory_bytes = static_cast<std::uint64_t>(arguments.memory_gib * gib);
   arguments.options.keep_rig = arguments.options.keep_drift = arguments.rig == "off";
   if (arguments.rig != "off" && arguments.rig != "auto")

@@ -33,7 +33,7 @@ std::vector<web::PageMap> maps_of(const ExportWebOptions& options, const Reflect
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && field.monitors.size() != 1)
     throw InputError(
-        options.field.string() +
+        options.field,
         ": does not say where the monitor stood, or names several places, and environment maps need one; "
         "give the screen's width x height @ distance from the scene in mm by --placement 520x320@600,yaw=90");
   std::vector<web::PageMap> maps;
@@ -66,7 +66,7 @@ std::pair<ReflectanceField, int> read_page_field(const fs::path& path) {
 
 void export_web(const ExportWebOptions& options, const Common& common) {
   if (fs::exists(options.output) && !fs::is_directory(options.output))
-    throw InputError(options.output.string() + ": is a file; give a folder for the page");
+    throw InputError(options.output, ": is a file; give a folder for the page");
   const OutputLock lock(options.output, {});
   auto [field, stride] = read_page_field(options.field);
   if (!options.placements.empty()) {

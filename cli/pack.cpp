@@ -36,8 +36,7 @@ void print(const fs::path& output, const Json& figures) {
 ReflectanceField full_field(const fs::path& path) {
   auto either = read_either_field(path, run_context());
   if (std::holds_alternative<PackedField>(either))
-    throw InputError(path.string() +
-                     ": is already packed, and the errors would accumulate; give the full field");
+    throw InputError(path, ": is already packed, and the errors would accumulate; give the full field");
   return std::get<ReflectanceField>(std::move(either));
 }
 

@@ -37,8 +37,7 @@ Recipe recipe_of(const Arguments& arguments) {
   const auto replace = [](const auto& given, auto& value, const char* option, int low, int high) {
     if (!given) return;
     if (*given < low || *given > high)
-      throw InputError(std::string(option) + " " + std::to_string(*given) + ": give a number from " +
-                       std::to_string(low) + " to " + std::to_string(high));
+      throw InputError(option, " ", *given, ": give a number from ", low, " to ", high);
     value = *given;
   };
   if (!arguments.size.empty()) {
@@ -73,15 +72,14 @@ void write_record(const fs::path& folder, Json provenance, bool complete) {
 // An unfinished simulation may be replaced, a finished one with --force, anything else never.
 void require_replaceable(const fs::path& folder, bool force) {
   if (fs::exists(folder) && !fs::is_directory(folder))
-    throw InputError(folder.string() + ": is a file; give the name of a folder");
+    throw InputError(folder, ": is a file; give the name of a folder");
   if (!fs::exists(folder) || fs::is_empty(folder)) return;
   if (!fs::exists(folder / record_name))
-    throw InputError(folder.string() +
-                     ": is not empty and was not created by 'refield simulate'; give another folder");
+    throw InputError(folder, ": is not empty and was not created by 'refield simulate'; give another folder");
   const auto record = json_if_valid(read_text(folder / record_name));
   const bool unfinished = record.is_object() && record.contains("complete") && record["complete"] == false;
   if (!unfinished && !force)
-    throw InputError(folder.string() +
+    throw InputError(folder,
                      ": already contains a simulation; give another folder, or --force to replace it");
 }
 

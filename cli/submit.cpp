@@ -58,11 +58,11 @@ std::string call_slurm(const std::vector<std::string>& words) {
   const int status = ::pclose(pipe);
   constexpr int not_found = 127;
   if (WIFEXITED(status) && WEXITSTATUS(status) == not_found)
-    throw InputError(words.front() +
+    throw InputError(words.front(),
                      ": is not installed here; submit from a machine of the Slurm cluster, or run 'refield "
                      "estimate --rows' and 'refield merge' by another system");
   while (text.ends_with('\n')) text.pop_back();
-  if (status != 0) throw InputError(words.front() + " refused: " + text);
+  if (status != 0) throw InputError(words.front(), " refused: ", text);
   return text;
 }
 
@@ -137,14 +137,14 @@ void check_earlier(const Submission& submission) {
   const std::string folder = submission.folder.string();
   if (fs::exists(submission.folder / "shards") &&
       read_text(submission.folder / "shard.sh") != submission.shard_script)
-    throw InputError(folder +
+    throw InputError(folder,
                      ": holds shards of a submission with other options; repeat that command, which "
                      "continues, or remove the folder");
   const std::string jobs =
       call_slurm({"squeue", "--noheader", "--name=" + submission.name, "--format=%i %T"});
   if (!jobs.empty())
-    throw InputError(folder + ": its jobs are queued or running; wait for them, or end them with 'scancel " +
-                     "--name=" + submission.name + "':\n" + jobs);
+    throw InputError(folder, ": its jobs are queued or running; wait for them, or end them with 'scancel ",
+                     "--name=", submission.name, "':\n", jobs);
 }
 
 /// Submits `script` of the folder and returns the number of the job. Options of the user come last: they
@@ -170,7 +170,7 @@ std::string submit_job(const Submission& submission, const std::string& script, 
   const std::string text = call_slurm(words);
   const std::string last = text.substr(text.rfind('\n') + 1);
   const std::string number = last.substr(0, last.find(';'));
-  if (!number_from_text<std::int64_t>(number)) throw InputError("sbatch printed no number of a job: " + text);
+  if (!number_from_text<std::int64_t>(number)) throw InputError("sbatch printed no number of a job: ", text);
   return number;
 }
 

@@ -111,8 +111,8 @@ void view(ViewOptions& options, const Common& /*common*/) {
     throw InputError(
         "--placement: a dynamic scene has no monitor; it is supported for fields (.rfield) only");
   if (moves && !options.light.empty())
-    throw InputError("--light " + options.light + ": a dynamic scene defines its area lights in " +
-                     options.shown.string() + "; light maps are supported for fields (.rfield) only");
+    throw InputError("--light ", options.light, ": a dynamic scene defines its area lights in ",
+                     options.shown, "; light maps are supported for fields (.rfield) only");
   if (moves)
     return run_scene_viewer(
         options.shown.filename().string(), [&] { return read_moving_scene(options.shown); }, options.window,

@@ -88,13 +88,11 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options, Fi
     --threads;
   const std::uint64_t least = std::max(needed(threads, 1 + overlap, 1 + overlap), assembly(1));
   if (least > options.memory_bytes)
-    throw InputError("this estimation needs at least " +
-                     std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4) + " GiB (" +
-                     std::to_string(images) + " light maps of " + std::to_string(session.light.width) + "×" +
-                     std::to_string(session.light.height) +
-                     " are held as tables of 24 bytes per texel); --memory allows " +
-                     std::to_string(options.memory_bytes / gib).substr(0, 4) +
-                     ": raise it, or resample the light maps");
+    throw InputError(
+        "this estimation needs at least ", std::to_string(std::ceil(10.0 * least / gib) / 10.0).substr(0, 4),
+        " GiB (", images, " light maps of ", session.light.width, "×", session.light.height,
+        " are held as tables of 24 bytes per texel); --memory allows ",
+        std::to_string(options.memory_bytes / gib).substr(0, 4), ": raise it, or resample the light maps");
   EstimatePlan plan;
   plan.images = images;
   plan.threads = static_cast<int>(threads);

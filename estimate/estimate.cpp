@@ -121,12 +121,12 @@ std::uint64_t peak_memory_bytes() {
       std::ranges::any_of(sample.values, [](float value) { return std::isfinite(value) && value != 0.0f; });
   const bool dark = std::ranges::any_of(sample.values, [](float value) { return value == 0.0f; });
   throw InputError(
-      job.frames.front().observed.string() + " and the other photographs: " +
-      (measured ? "no pixel could be fitted; check that light maps and photographs belong together"
-       : dark   ? "they are black under all lights, so there is nothing to estimate; check the exposure and "
-                  "the mask"
-              : "no sample was measured (all are at or above --clip, or marked by sigma = inf); raise --clip "
-                "or expose shorter"));
+      job.frames.front().observed, " and the other photographs: ",
+      measured ? "no pixel could be fitted; check that light maps and photographs belong together"
+      : dark   ? "they are black under all lights, so there is nothing to estimate; check the exposure and "
+                 "the mask"
+             : "no sample was measured (all are at or above --clip, or marked by sigma = inf); raise --clip "
+               "or expose shorter");
 }
 
 EstimateOptions with_thread_limit(EstimateOptions options, const RunContext& run) {
@@ -200,8 +200,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
     run.throw_if_stopped();
     auto kernels = checkpoint.load(rows, width);
     if (!kernels)
-      throw InputError(output.string() +
-                       ".partial: a finished band is damaged; run again with --resume to redo it");
+      throw InputError(output, ".partial: a finished band is damaged; run again with --resume to redo it");
     writing.advance();
     return *std::move(kernels);
   };
@@ -249,15 +248,14 @@ ReflectanceField estimate(std::span<const LightMapView> lights, std::span<const 
                           std::span<const ImageView> sigma, const Mask& mask, const EstimateOptions& options,
                           const RunContext& run) {
   if (lights.size() != photographs.size() || (!sigma.empty() && sigma.size() != photographs.size()))
-    throw InputError(std::to_string(lights.size()) + " light maps, " + std::to_string(photographs.size()) +
-                     " photographs and " + std::to_string(sigma.size()) +
+    throw InputError(lights.size(), " light maps, ", photographs.size(), " photographs and ", sigma.size(),
                      " arrays of sigma do not belong together; give one light map for each photograph, and "
                      "one sigma for each or none");
   CaptureSession session;
   for (std::size_t j = 0; j < lights.size(); ++j) {
     const std::string number = std::to_string(j);
     if (lights[j].parameterisation != lights[0].parameterisation)
-      throw InputError("light map " + number + ": has another parameterisation than light map 0");
+      throw InputError("light map ", number, ": has another parameterisation than light map 0");
     CaptureFrame& frame = session.frames.emplace_back();
     frame.name = number;
     frame.illumination = "light map " + number;
@@ -269,8 +267,8 @@ ReflectanceField estimate(std::span<const LightMapView> lights, std::span<const 
   EstimateJob job = open_job(session, options, run);
   if (!mask.empty()) {
     if (mask.size() != static_cast<std::size_t>(job.session.width) * job.session.height)
-      throw InputError("the mask has " + std::to_string(mask.size()) + " pixels, the photographs are " +
-                       std::to_string(job.session.width) + "×" + std::to_string(job.session.height));
+      throw InputError("the mask has ", mask.size(), " pixels, the photographs are ", job.session.width, "×",
+                       job.session.height);
     require_any_inside(mask, "the mask");
     job.mask = mask;
   }
@@ -282,8 +280,8 @@ std::vector<KernelSnapshot> kernel_history(const CaptureSession& session, const 
                                            const RunContext& run) {
   const EstimateJob job = open_job(session, options, run);
   if (x < 0 || y < 0 || x >= job.session.width || y >= job.session.height)
-    throw InputError("pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") lies outside the " +
-                     std::to_string(job.session.width) + "×" + std::to_string(job.session.height) + " image");
+    throw InputError("pixel (", x, ", ", y, ") lies outside the ", job.session.width, "×", job.session.height,
+                     " image");
   const BoxTable table(job.frames, job.session.light, {}, run);
   const auto band = read_observations(job.frames, job.session.width, y, y + 1, options.clip_level, run);
   const SmoothSpace none(table);

@@ -10,7 +10,7 @@ std::string_view v0_2::name_of(EstimateMode mode) {
 EstimateMode v0_2::estimate_mode_from_name(std::string_view name) {
   for (auto mode : {EstimateMode::refined, EstimateMode::paper, EstimateMode::fast})
     if (name == name_of(mode)) return mode;
-  throw InputError("unknown mode '" + std::string(name) + "'; use refined, paper or fast");
+  throw InputError("unknown mode '", name, "'; use refined, paper or fast");
 }
 
 int EstimateOptions::max_kernels() const {
@@ -20,14 +20,12 @@ int EstimateOptions::max_kernels() const {
 
 void EstimateOptions::check() const {
   const auto require = [](bool holds, const char* option, std::int64_t value, const char* range) {
-    if (!holds)
-      throw InputError(std::string(option) + " is " + std::to_string(value) + "; give a value of " + range);
+    if (!holds) throw InputError(option, " is ", value, "; give a value of ", range);
   };
   require(kernels >= 0 && kernels <= 255, "--max-kernels", kernels, "1 to 255, or 0 to let the data decide");
   require(spatial_passes >= 0 && spatial_passes <= 16, "spatial passes", spatial_passes, "0 to 16");
   require(threads >= 0, "--threads", threads, "0 (all cores) or more");
-  if (!(clip_level > 0.0f))
-    throw InputError("--clip is " + std::to_string(clip_level) + "; give a positive radiance");
+  if (!(clip_level > 0.0f)) throw InputError("--clip is ", clip_level, "; give a positive radiance");
 }
 
 }  // namespace refield

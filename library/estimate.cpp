@@ -175,9 +175,9 @@ EstimateCost v0_2::estimate_cost(const Session& session, const EstimateOptions& 
 
 RowRange v0_2::rows_of_shard(const Session& session, int shard, int shards, const EstimateOptions& options) {
   if (shard < 1 || shard > shards || shards > session.height())
-    throw InputError("--rows " + std::to_string(shard) + "/" + std::to_string(shards) +
-                     ": the shard does not exist; give I/N with I from 1 to N, and N at most the " +
-                     std::to_string(session.height()) + " rows of the image");
+    throw InputError("--rows ", shard, "/", shards,
+                     ": the shard does not exist; give I/N with I from 1 to N, and N at most the ",
+                     session.height(), " rows of the image");
   return rows_of_shard(shard, shards, read_image_header(session.frame(0).observed), options);
 }
 
@@ -187,7 +187,7 @@ namespace {
 
 std::shared_ptr<const ReflectanceField> image_rows(const Field& field) {
   if (field.has_mesh())
-    throw InputError(field.internal().name +
+    throw InputError(field.internal().name,
                      ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
                      "view' for mesh fields");
   return field.internal().rows();
@@ -235,9 +235,8 @@ HeldOutError v0_2::compare(const std::string& predicted, const std::string& obse
       Image image = read_image_of_series(predicted_file).radiance;
       Photograph reference = read_image_of_series(observed_file);
       if (!image.same_shape(reference.radiance))
-        throw InputError(predicted_file.string() + ": is " + shape_text(image) + ", " +
-                         observed_file.string() + " is " + shape_text(reference.radiance) +
-                         "; the images must have the same size");
+        throw InputError(predicted_file, ": is ", shape_text(image), ", ", observed_file, " is ",
+                         shape_text(reference.radiance), "; the images must have the same size");
       require_comparable(image, predicted_file, mask);
       require_comparable(reference.radiance, observed_file, mask);
       series.add(image, reference.radiance, reference.sigma);
@@ -253,7 +252,7 @@ HeldOutError v0_2::compare(std::span<const ImageView> predicted, std::span<const
                            std::span<const ImageView> sigma, const Mask& mask) {
   if (predicted.empty() || predicted.size() != observed.size() ||
       (!sigma.empty() && sigma.size() != predicted.size()))
-    throw InputError(std::to_string(predicted.size()) + " predicted and " + std::to_string(observed.size()) +
+    throw InputError(predicted.size(), " predicted and ", observed.size(),
                      " observed images do not belong together; give as many of both");
   SeriesError series(mask);
   std::vector<HeldOutImage> per_image;
@@ -263,9 +262,8 @@ HeldOutError v0_2::compare(std::span<const ImageView> predicted, std::span<const
     for (std::size_t k = 0; k < b.values.size(); ++k)
       if ((!std::isfinite(a.values[k]) || !std::isfinite(b.values[k])) &&
           (s.empty() || !std::isinf(s.values[k])) && (mask.empty() || mask[k / 3] != 0))
-        throw InputError(std::string(std::isfinite(b.values[k]) ? "predicted" : "observed") + "[" +
-                         std::to_string(i) +
-                         "]: has a sample that is not finite; exclude it by the mask, or mark " +
+        throw InputError(std::isfinite(b.values[k]) ? "predicted" : "observed", "[", i,
+                         "]: has a sample that is not finite; exclude it by the mask, or mark ",
                          "it as unmeasured (sigma = inf)");
     per_image.push_back({std::to_string(i), {}, image_error(a, b, mask, s)});
   }

@@ -36,8 +36,8 @@ std::shared_ptr<const Field::Data> read(const fs::path& file, const RunContext& 
 std::size_t pixel_of(const FieldOutline& outline, int x, int y) {
   if (outline.mesh) throw InputError("the field is of a mesh and has no pixels");
   if (x < 0 || y < 0 || x >= outline.width || y >= outline.height)
-    throw InputError("pixel (" + std::to_string(x) + ", " + std::to_string(y) + ") is outside the " +
-                     std::to_string(outline.width) + "×" + std::to_string(outline.height) + " image");
+    throw InputError("pixel (", x, ", ", y, ") is outside the ", outline.width, "×", outline.height,
+                     " image");
   return static_cast<std::size_t>(y) * outline.width + x;
 }
 
@@ -111,7 +111,7 @@ void Field::Data::relight(std::span<const LightMapView> lights, std::span<float>
     }
     if (is_bright(lights[i].radiance) &&
         !std::ranges::all_of(picture, [](float v) { return std::isfinite(v); }))
-      throw InputError(light_name + ": is too bright for pictures of 32-bit floats; scale it down");
+      throw InputError(light_name, ": is too bright for pictures of 32-bit floats; scale it down");
     if (!outline().observed_light.empty()) {
       const LightShares of_light = outline().light_shares(light.radiance);
       shares.interpolated = std::max(shares.interpolated, of_light.interpolated);
@@ -180,8 +180,7 @@ void Field::relight(std::span<const LightMapView> lights, std::span<float> pictu
   for (const LightMapView& light : lights) require_domain(light, light_domain());
   const std::size_t values = std::size_t{3} * width() * height() * lights.size();
   if (pictures.size() != values)
-    throw InputError("there is room for " + std::to_string(pictures.size()) +
-                     " values of pictures, which have " + std::to_string(values));
+    throw InputError("there is room for ", pictures.size(), " values of pictures, which have ", values);
   guarded(run, [&] { data_->relight(lights, pictures, run); });
 }
 

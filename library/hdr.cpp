@@ -31,19 +31,18 @@ Photograph v0_2::merge_exposures(std::span<const fs::path> files, std::span<cons
 Photograph v0_2::merge_exposures(std::span<const ImageView> images, std::span<const double> seconds,
                                  const ExposureCamera& camera, const RunContext& run) {
   if (images.empty() || images.size() != seconds.size())
-    throw InputError(std::to_string(images.size()) + " images and " + std::to_string(seconds.size()) +
+    throw InputError(images.size(), " images and ", seconds.size(),
                      " exposure times do not belong together; give one exposure time per image");
   for (const double exposure : seconds)
-    if (!(exposure > 0.0)) throw InputError("exposures: " + std::to_string(exposure) + " is not above 0");
+    if (!(exposure > 0.0)) throw InputError("exposures: ", exposure, " is not above 0");
   Bracket bracket;
   for (std::size_t i = 0; i < images.size(); ++i) {
     bracket.paths.emplace_back("images[" + std::to_string(i) + "]");
     bracket.files.emplace_back().linear = Image(images[i]);
     bracket.exposures.emplace_back(seconds[i]);
     if (!bracket.files[i].linear.same_shape(bracket.files[0].linear))
-      throw InputError(bracket.paths[i].string() + ": is " + shape_text(bracket.files[i].linear) +
-                       ", the first is " + shape_text(bracket.files[0].linear) +
-                       "; merge exposures of one camera");
+      throw InputError(bracket.paths[i], ": is ", shape_text(bracket.files[i].linear), ", the first is ",
+                       shape_text(bracket.files[0].linear), "; merge exposures of one camera");
   }
   BracketCamera known;
   known.saturation = 1.0;

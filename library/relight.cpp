@@ -39,10 +39,8 @@ void v0_2::require_light(const Field& field, const fs::path& file) {
   const ImageHeader header = read_image_header(file);
   const LightDomain domain = field.light_domain();
   if (header.width != domain.width || header.height != domain.height)
-    throw InputError(file.string() + ": is " + std::to_string(header.width) + "×" +
-                     std::to_string(header.height) + " texels, but the field requires a " +
-                     std::string(name_of(domain.parameterisation)) + " light map of " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height) +
+    throw InputError(file, ": is ", header.width, "×", header.height, " texels, but the field requires a ",
+                     name_of(domain.parameterisation), " light map of ", domain.width, "×", domain.height,
                      "; resample it to that size, or give it with --env if it is an environment map");
 }
 
@@ -53,7 +51,7 @@ struct v0_2::AreaLights::Data {
 
 AreaLights::AreaLights(const Field& field, const fs::path& file, const RunContext& run) {
   if (!field.has_mesh() || field.light_domain().parameterisation != Parameterisation::cube)
-    throw InputError("--area-lights requires a mesh field; " + field.internal().name +
+    throw InputError("--area-lights requires a mesh field; ", field.internal().name,
                      " is an image field: use --light or --env");
   data_ = guarded(run, [&] { return std::make_shared<const Data>(field, prt::read_area_lights(file, run)); });
 }
@@ -109,8 +107,8 @@ void Relighter::update(const LightMapView& light, const Box& changed, std::span<
   guarded({}, [&] {
     const Image& image = data_->relighter.update(copied(light), changed);
     if (picture.size() != image.values.size())
-      throw InputError("there is room for " + std::to_string(picture.size()) +
-                       " values of a picture, which has " + std::to_string(image.values.size()));
+      throw InputError("there is room for ", picture.size(), " values of a picture, which has ",
+                       image.values.size());
     std::ranges::copy(image.values, picture.begin());
   });
 }
@@ -138,9 +136,8 @@ LightMap Environment::project(const LightDomain& domain, std::span<const Monitor
                               const EulerAngles& turn, const RunContext& run, EnvironmentShare* seen) const {
   constexpr std::int64_t max_texels = std::int64_t{1} << 27;  // cube maps with faces of 4096×4096
   if (domain.height < 1 || domain.width < 1 || std::int64_t{domain.height} * domain.width > max_texels)
-    throw InputError("shape is " + std::to_string(domain.height) + "×" + std::to_string(domain.width) +
-                     "; give at least one row and one column, and at most " + std::to_string(max_texels) +
-                     " texels");
+    throw InputError("shape is ", domain.height, "×", domain.width,
+                     "; give at least one row and one column, and at most ", max_texels, " texels");
   return guarded(run, [&] {
     EnvironmentLight light = EnvironmentProjector(domain, monitors, run).project(*map_, turn, run);
     if (seen) *seen = light.share;
@@ -209,7 +206,7 @@ class PictureWork {
     options.check();
     if (count == 0) throw InputError("there are no pictures to make; give at least one light");
     if (lights.size() != count && lights.size() != 1)
-      throw InputError(std::to_string(lights.size()) + " lights do not belong to " + std::to_string(count) +
+      throw InputError(lights.size(), " lights do not belong to ", count,
                        " pictures; give one for each, or one for all");
     check_placements(monitors_, field.light_domain(),
                      options.monitors.empty() ? field.internal().name : "--placement");

@@ -13,7 +13,7 @@ namespace {
 CaptureSession pairs_of(std::span<const fs::path> lights, std::span<const fs::path> observed,
                         Parameterisation parameterisation) {
   if (lights.size() != observed.size())
-    throw InputError(std::to_string(lights.size()) + " light maps and " + std::to_string(observed.size()) +
+    throw InputError(lights.size(), " light maps and ", observed.size(),
                      " photographs do not belong together; give one light map for each photograph");
   if (lights.empty()) throw InputError("light and observed are empty; give the files of a capture");
   CaptureSession session;
@@ -21,8 +21,8 @@ CaptureSession pairs_of(std::span<const fs::path> lights, std::span<const fs::pa
   std::map<fs::path, fs::path> light_of;
   for (std::size_t j = 0; j < lights.size(); ++j) {
     if (const fs::path& light = light_of.emplace(observed[j], lights[j]).first->second; light != lights[j])
-      throw InputError("observed: " + observed[j].string() + " is given for " + light.string() + " and for " +
-                       lights[j].string() + "; give each photograph once");
+      throw InputError("observed: ", observed[j], " is given for ", light, " and for ", lights[j],
+                       "; give each photograph once");
     session.frames.push_back(
         {lights[j].stem().string(), FrameRole::train, "", lights[j], observed[j], static_cast<double>(j)});
   }
@@ -36,8 +36,8 @@ CaptureSession with_sizes(CaptureSession&& session) {
 
 const CaptureFrame& frame_of(const CaptureSession& session, std::size_t i) {
   if (i >= session.frames.size())
-    throw InputError("frame " + std::to_string(i) + " does not exist; the session has " +
-                     std::to_string(session.frames.size()) + ", counted from 0");
+    throw InputError("frame ", i, " does not exist; the session has ", session.frames.size(),
+                     ", counted from 0");
   return session.frames[i];
 }
 

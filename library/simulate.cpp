@@ -22,8 +22,7 @@ Session v0_2::simulate(const fs::path& recipe_path, const fs::path& folder, cons
                            int high) {
     if (!given) return;
     if (*given < low || *given > high)
-      throw InputError(std::string(name) + " is " + std::to_string(*given) + "; give a number from " +
-                       std::to_string(low) + " to " + std::to_string(high));
+      throw InputError(name, " is ", *given, "; give a number from ", low, " to ", high);
     value = *given;
   };
   replace("width", options.width, recipe.scene.camera.width, 1, 16384);
@@ -36,7 +35,7 @@ Session v0_2::simulate(const fs::path& recipe_path, const fs::path& folder, cons
   replace("squares", options.squares, recipe.lights.squares, 0, 999);
   replace("seed", options.seed, recipe.seed, 0, 0x7fffffff);
   if (fs::exists(folder) && !(fs::is_directory(folder) && fs::is_empty(folder)))
-    throw InputError(folder.string() + ": is not an empty folder; give another one");
+    throw InputError(folder, ": is not an empty folder; give another one");
   SimulateOptions tracing;
   tracing.quality = options.quality;
   tracing.noise = options.noise;
@@ -129,7 +128,7 @@ Image MovingPictures::picture(double time, int bounces) {
   dynamic::FrameOptions options = data_->frame;
   options.bounces = bounces;
   options.check();
-  if (!(time >= 0.0)) throw InputError("time is " + std::to_string(time) + "; give 0 or more seconds");
+  if (!(time >= 0.0)) throw InputError("time is ", time, "; give 0 or more seconds");
   return guarded({}, [&] {
     data_->scene.solve(time, cli::camera_of(data_->scene.scene()), options);
     return data_->scene.picture(0, data_->scene.light().bounces());

@@ -53,8 +53,8 @@ py::array relight(const Field& field, const Floats& light, const std::optional<p
 py::array lit_by(const Field& field, int u, int v) {
   const LightDomain domain = field.light_domain();
   if (u < 0 || v < 0 || u >= domain.width || v >= domain.height)
-    throw InputError("texel (" + std::to_string(u) + ", " + std::to_string(v) + ") is outside the " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + " light map");
+    throw InputError("texel (", u, ", ", v, ") is outside the ", domain.width, "×", domain.height,
+                     " light map");
   LightMap light{Image(domain.width, domain.height, 3), domain.parameterisation};
   for (int c = 0; c < 3; ++c) light.radiance.at(u, v, c) = 1.0f;
   Image picture(field.width(), field.height(), 3);
@@ -88,7 +88,7 @@ py::bytes png(const Field& field) {
 RelightPrecision precision_from_name(const std::string& name) {
   if (name == "fast") return RelightPrecision::fast;
   if (name == "fine") return RelightPrecision::fine;
-  throw InputError("precision is '" + name + "'; give 'fast' or 'fine'");
+  throw InputError("precision is '", name, "'; give 'fast' or 'fine'");
 }
 
 /// A field laid out for speed; from one thread at a time.
@@ -131,7 +131,7 @@ class Frames {
 EstimateOptions options_of(const std::string& mode, int max_kernels, bool predict_errors, bool keep_outliers,
                            const std::string& rig, double memory_gib) {
   if (!(memory_gib > 0.0 && memory_gib < 1e6))
-    throw InputError("memory is " + std::to_string(memory_gib) + "; give a number of GiB above 0");
+    throw InputError("memory is ", memory_gib, "; give a number of GiB above 0");
   EstimateOptions options;
   options.mode = estimate_mode_from_name(mode);
   options.kernels = max_kernels;

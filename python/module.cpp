@@ -45,17 +45,16 @@ ImageView view_at(const float* first, const py::array& array, int axis) {
 void require_images(const Floats& array, int axes, const std::string& name) {
   constexpr py::ssize_t max_side = 1 << 20;
   if (array.ndim() != axes || array.shape(axes - 1) != 3)
-    throw InputError(name + ": has the shape " + shape_of(array) + "; give " +
-                     (axes == 4 ? "images×height×width×3" : "height×width×3"));
+    throw InputError(name, ": has the shape ", shape_of(array), "; give ",
+                     axes == 4 ? "images×height×width×3" : "height×width×3");
   for (int axis = axes - 3; axis < axes - 1; ++axis)
     if (array.shape(axis) < 1 || array.shape(axis) > max_side)
-      throw InputError(name + ": has the shape " + shape_of(array) + "; give images of at least one pixel");
+      throw InputError(name, ": has the shape ", shape_of(array), "; give images of at least one pixel");
   if (axes == 4 && array.shape(0) > max_side)
-    throw InputError(name + ": has the shape " + shape_of(array) + "; give at most " +
-                     std::to_string(max_side) + " images");
+    throw InputError(name, ": has the shape ", shape_of(array), "; give at most ", max_side, " images");
   for (int axis = 0; axis < axes; ++axis)
     if (array.strides(axis) % static_cast<py::ssize_t>(sizeof(float)) != 0)
-      throw InputError(name + ": its strides are not whole numbers of floats; give a copy");
+      throw InputError(name, ": its strides are not whole numbers of floats; give a copy");
 }
 
 /// Threads that work for calls from Python, kept for further calls: a thread that has worked with oneTBB and
@@ -190,7 +189,7 @@ void log_note(const std::string& text) {
 LongCall::LongCall(py::object progress, std::optional<int> threads) : progress_(std::move(progress)) {
   require_own_threads();
   if (threads && *threads < 0)
-    throw InputError("threads is " + std::to_string(*threads) + "; give 1 or more, or None for all cores");
+    throw InputError("threads is ", *threads, "; give 1 or more, or None for all cores");
   if (!progress_.is_none() && !PyCallable_Check(progress_.ptr()))
     throw InputError("progress is not callable; give a function of stage, done and total, or a tqdm bar");
   context_.stop = &stop_;

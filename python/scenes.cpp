@@ -111,7 +111,7 @@ Field precompute_field(const fs::path& path, const std::string& method,
                        const std::map<std::string, double>& settings, py::object progress,
                        std::optional<int> threads) {
   if (method != "clusters" && method != "sh")
-    throw InputError("method is '" + method + "'; give 'clusters' or 'sh'");
+    throw InputError("method is '", method, "'; give 'clusters' or 'sh'");
   PrecomputeOptions options;
   if (method == "sh") options.method = PrecomputeOptions::Method::harmonics;
   take(settings, "resolution", options.resolution);
@@ -145,7 +145,7 @@ class Moving {
   static MovingPictures made(const fs::path& path, const std::string& mode, py::object progress,
                              std::optional<int> threads) {
     if (mode != "refined" && mode != "paper")
-      throw InputError("mode is '" + mode + "'; give 'refined' or 'paper'");
+      throw InputError("mode is '", mode, "'; give 'refined' or 'paper'");
     return LongCall(std::move(progress), threads)(
         [&](const RunContext& run) { return MovingPictures(path, mode == "paper", run); });
   }
@@ -275,7 +275,7 @@ void bind_scenes(py::module_& module) {
   module.def("write_exr", [](const fs::path& path, const Floats& image) {
     require_own_threads();
     if (path.extension() != ".exr")
-      throw InputError(path.string() + ": the image is written as OpenEXR; give a name that ends in .exr");
+      throw InputError(path, ": the image is written as OpenEXR; give a name that ends in .exr");
     write_exr(path, Image(view_of(image, "image")));
   });
 }

@@ -107,8 +107,7 @@ std::string text_of(const CaptureSession& session) {
 
 void hold_out_every(CaptureSession& session, int every) {
   if (every < 2)
-    throw InputError("--hold-out " + std::to_string(every) +
-                     ": give 2 or more, for example 10 to hold out every tenth image");
+    throw InputError("--hold-out ", every, ": give 2 or more, for example 10 to hold out every tenth image");
   int place = 0, held_out = 0;
   for (CaptureFrame& frame : session.frames)
     if (frame.role == FrameRole::train && ++place % every == 0) {
@@ -116,7 +115,7 @@ void hold_out_every(CaptureSession& session, int every) {
       ++held_out;
     }
   if (held_out == 0)
-    throw InputError("--hold-out " + std::to_string(every) + ": there are " + std::to_string(place) +
+    throw InputError("--hold-out ", every, ": there are ", place,
                      " images to train from, so none would be held out; give a smaller number");
 }
 
@@ -162,17 +161,14 @@ std::vector<HeldOutError> held_out_errors(const ReflectanceField& field, const C
   const ThreadLimit limit(run);
   const auto frames = session.frames_of(role);
   if (frames.empty())
-    throw InputError(text_of(session) + ": has no frame of role '" + std::string(name_of(role)) +
-                     "' to compare with");
+    throw InputError(text_of(session), ": has no frame of role '", name_of(role), "' to compare with");
   if (session.width != field.width || session.height != field.height)
-    throw InputError(text_of(session) + ": the photographs are " + std::to_string(session.width) + "×" +
-                     std::to_string(session.height) + ", the field is " + std::to_string(field.width) + "×" +
-                     std::to_string(field.height) +
+    throw InputError(text_of(session), ": the photographs are ", session.width, "×", session.height,
+                     ", the field is ", field.width, "×", field.height,
                      "; compare a field with the session it was estimated from");
   if (!truth && session.colour_space() != field.colour_space)
-    throw InputError(text_of(session) + ": the photographs are in " +
-                     std::string(name_of(session.colour_space())) + ", the field is in " +
-                     std::string(name_of(field.colour_space)) +
+    throw InputError(text_of(session), ": the photographs are in ", name_of(session.colour_space()),
+                     ", the field is in ", name_of(field.colour_space),
                      "; estimate the field again from this session");
   const Mask mask = session.mask ? read_mask(*session.mask, session.width, session.height) : Mask{};
 

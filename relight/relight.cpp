@@ -5,11 +5,11 @@
 #include <Eigen/Geometry>
 
 #include <bit>
-#include <cstdio>
 #include <numeric>
 
 #include "core/base/files.h"
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "core/field/mesh.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
@@ -181,12 +181,11 @@ MeteredPictures::MeteredPictures(const FieldPictures& field, std::vector<LightFu
 
 void MeteredPictures::require_finite(const Image& image, std::size_t i, const SceneLight& light) const {
   if (std::ranges::all_of(image.values, [](float value) { return std::isfinite(value); })) return;
-  char brightest[32];
-  std::snprintf(brightest, sizeof brightest, "%.3g", *std::ranges::max_element(radiance_of(light).values));
   refield::require_finite(
       image, name_ + (lights_.size() == 1 ? std::string() : ", picture " + std::to_string(i + 1)), true,
-      std::string("the light is too bright for 32-bit floats (its brightest texel: ") + brightest +
-          "); scale the light map down");
+      formatted(
+          "the light is too bright for 32-bit floats (its brightest texel: %.3g); scale the light map down",
+          *std::ranges::max_element(radiance_of(light).values)));
 }
 
 MeteredPicture MeteredPictures::make(std::size_t i, bool is_metered, const RunContext& run) const {
@@ -241,7 +240,7 @@ ExposureReport relight_to_files(const FieldPictures& field, const std::vector<Re
   std::vector<char> are_meshes;
   for (const RelightJob& job : jobs) {
     if (job.output.extension() != ".exr" && !is_exposed(job))
-      throw InputError(job.output.string() +
+      throw InputError(job.output,
                        ": images are written as .exr or .png, meshes as .glb; give an output with one of "
                        "these extensions");
     lights.push_back(job.light);

@@ -155,8 +155,7 @@ const Image& TileRelighter::relight(std::span<const float> sums) {
 void TileRelighter::relight_into(std::span<const float> sums, std::span<float> out) {
   const std::size_t needed = 3 * (summed_vector_boxes_.size() + summed_boxes_.size());
   if (!sums_suffice_ || sums.size() != needed)
-    throw InputError("the sums of light are " + std::to_string(sums.size()) + " numbers, the field takes " +
-                     std::to_string(needed));
+    throw InputError("the sums of light are ", sums.size(), " numbers, the field takes ", needed);
   require_image(out);
   show_sums(sums, target(out.data()));
   light_ = {};
@@ -173,8 +172,8 @@ const Image& TileRelighter::relight(const LightMap& light) {
 
 void TileRelighter::require_image(std::span<const float> out) const {
   if (out.size() != image_.values.size())
-    throw InputError("the array for the image has " + std::to_string(out.size()) + " values, the image has " +
-                     std::to_string(image_.values.size()));
+    throw InputError("the array for the image has ", out.size(), " values, the image has ",
+                     image_.values.size());
 }
 
 void TileRelighter::relight_into(const LightMapView& light, std::span<float> out) {

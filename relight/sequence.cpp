@@ -11,10 +11,10 @@
 #include <unistd.h>
 
 #include <csignal>
-#include <cstdio>
 #include <numeric>
 
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_io.h"
 #include "core/image/tone_map.h"
 
@@ -32,10 +32,10 @@ double overlap(double left, double right, int x) {
 LightMap v0_2::sliding_bar(const LightDomain& domain, double width_fraction, int frame, int frames,
                            float radiance) {
   if (!(width_fraction > 0.0 && width_fraction <= 1.0))
-    throw InputError("the bar's width is " + std::to_string(width_fraction) +
+    throw InputError("the bar's width is ", width_fraction,
                      "; give a fraction of the light map's width above 0 and up to 1");
   if (frames < 1 || frame < 0 || frame >= frames)
-    throw InputError("a sequence has no frame " + std::to_string(frame) + " of " + std::to_string(frames));
+    throw InputError("a sequence has no frame ", frame, " of ", frames);
   const bool wraps = domain.parameterisation == Parameterisation::lat_long;
   const double bar = width_fraction * domain.width;
   const double left = wraps ? static_cast<double>(domain.width) * frame / frames
@@ -53,8 +53,8 @@ LightMap v0_2::sliding_bar(const LightDomain& domain, double width_fraction, int
 
 LightMap v0_2::rotated(const LightMap& light, double turns) {
   if (light.parameterisation != Parameterisation::lat_long)
-    throw InputError("only lat-long light maps can be rotated, this one is a " +
-                     std::string(name_of(light.parameterisation)) + " map; use a sliding bar instead");
+    throw InputError("only lat-long light maps can be rotated, this one is a ",
+                     name_of(light.parameterisation), " map; use a sliding bar instead");
   const Image& source = light.radiance;
   const double shift = (turns - std::floor(turns)) * source.width;
   const int whole = static_cast<int>(shift);
@@ -87,13 +87,12 @@ constexpr const char* encoder_threads = "4";
 
 std::vector<std::string> ffmpeg_arguments(const fs::path& file, int width, int height,
                                           double frames_per_second) {
-  char rate[32];
-  std::snprintf(rate, sizeof rate, "%.6g", frames_per_second);
   return {
       "ffmpeg", "-hide_banner", "-loglevel", "error", "-nostdin", "-y",
       // What comes in,
       "-f", "rawvideo", "-pixel_format", "rgb24", "-video_size",
-      std::to_string(width) + "x" + std::to_string(height), "-framerate", rate, "-i", "pipe:0",
+      std::to_string(width) + "x" + std::to_string(height), "-framerate",
+      formatted("%.6g", frames_per_second), "-i", "pipe:0",
       // made even-sized, as 4:2:0 wants it,
       "-vf",
       "pad=ceil(iw/2)*2:ceil(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+bitexact",
@@ -135,10 +134,9 @@ pid_t start(std::vector<std::string> arguments, int input, int messages) {
 
 void VideoOptions::check() const {
   if (!(frames_per_second >= 0.1 && frames_per_second <= 1000.0))
-    throw InputError("--fps is " + std::to_string(frames_per_second) +
-                     "; give 0.1 to 1000 frames per second");
+    throw InputError("--fps is ", frames_per_second, "; give 0.1 to 1000 frames per second");
   if (exposure && !(*exposure > 0.0 && std::isfinite(*exposure)))
-    throw InputError("--exposure is " + std::to_string(*exposure) + "; give a number above zero");
+    throw InputError("--exposure is ", *exposure, "; give a number above zero");
 }
 
 VideoWriter::VideoWriter(const fs::path& file, int width, int height, double frames_per_second)
@@ -202,8 +200,8 @@ void VideoWriter::fail() {
   const ssize_t size = ::pread(messages_, said.data(), said.size(), 0);
   said.resize(static_cast<std::size_t>(std::max<ssize_t>(size, 0)));
   while (!said.empty() && said.back() == '\n') said.pop_back();
-  throw DeviceError(file_.string(), error != 0 ? error : EIO,
-                    "ffmpeg could not write the video" + (said.empty() ? std::string() : ": " + said));
+  throw DeviceError(file_.string(), error != 0 ? error : EIO, "ffmpeg could not write the video",
+                    said.empty() ? std::string() : ": " + said);
 }
 
 ExposureReport relight_to_video(const FieldPictures& field, const std::vector<LightFunction>& lights,

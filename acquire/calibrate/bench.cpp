@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/bench.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/base/number_text.h"
@@ -165,7 +164,7 @@ Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run) {
   bench.show(result.level);
   const double reached = brightness(bench, result.exposure, run);
   if (reached > 0.9)
-    throw InputError("camera '" + bench.camera().name + "': " + percent_text(reached) +
+    throw InputError("camera '", bench.camera().name, "': ", percent_text(reached),
                      " of full scale at its shortest exposure: too bright; close the aperture, lower the "
                      "display's brightness or darken the room");
   constexpr int frames = 4;
@@ -177,13 +176,12 @@ Metering meter(CalibrationBench& bench, Seconds wanted, const RunContext& run) {
   const double full = (1 << bench.camera().bits) - 1;
   const double most = quantile_of(response, 0.99);
   if (most < least_response * full)
-    throw InputError(
-        "camera '" + bench.camera().name + "': the display's light changes the image by " +
-        percent_text(most / full) + " of full scale at an exposure of " +
-        std::to_string(result.exposure.count()) + " s, at least " + percent_text(least_response) +
-        " are needed: the scene is too dark, or the room is too bright compared with the display. Check the "
-        "lens cap and the framing, open the aperture, raise the display's brightness or the camera's "
-        "gain, darken the room");
+    throw InputError("camera '", bench.camera().name, "': the display's light changes the image by ",
+                     percent_text(most / full), " of full scale at an exposure of ", result.exposure.count(),
+                     " s, at least ", percent_text(least_response),
+                     " are needed: the scene is too dark, or the room is too bright compared with the "
+                     "display. Check the lens cap and the framing, open the aperture, raise the display's "
+                     "brightness or the camera's gain, darken the room");
   for (std::size_t s = 0; s < response.size(); ++s)
     if (response[s] > 0.2 * most) result.lit.push_back(static_cast<std::uint32_t>(s));
   result.lit_dn = mean_over(light, result.lit);

@@ -93,10 +93,9 @@ std::vector<Seconds> bracket_for(CalibrationBench& bench, int count, Seconds exp
 void CalibrateOptions::check() const {
   if (!(gain > 0.0)) throw InputError("the gain must be above zero");
   if (!(patience.count() >= 0.02 && patience.count() <= 60.0))
-    throw InputError("the patience is " + std::to_string(patience.count()) + " s; give 0.02 to 60");
+    throw InputError("the patience is ", patience.count(), " s; give 0.02 to 60");
   if (tone_step < 1 || tone_step > 85 || 255 % tone_step != 0)
-    throw InputError("the step between drive levels is " + std::to_string(tone_step) +
-                     "; give 1, 3, 5, 15, 17, 51 or 85");
+    throw InputError("the step between drive levels is ", tone_step, "; give 1, 3, 5, 15, 17, 51 or 85");
   flat_field.check("flat field");
   uniformity.check("uniformity of the screen");
 }

@@ -5,7 +5,6 @@
 
 #include <toml++/toml.h>
 
-#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -63,13 +62,13 @@ std::size_t full_scale(int bits) {
   return (std::size_t{1} << bits) - 1;
 }
 
-[[noreturn]] void refuse(const std::string& where, const std::string& what) {
-  throw InputError(where + ": " + what + "; repair that entry or calibrate again");
+template <class... Parts>
+[[noreturn]] void refuse(const std::string& where, const Parts&... what) {
+  throw InputError(where, ": ", concatenated(what...), "; repair that entry or calibrate again");
 }
 
 void require_positive(double value, const char* name, const std::string& where) {
-  if (!(std::isfinite(value) && value > 0.0))
-    refuse(where, std::string(name) + " is " + std::to_string(value) + " and must be above zero");
+  if (!(std::isfinite(value) && value > 0.0)) refuse(where, name, " is ", value, " and must be above zero");
 }
 
 /// The level whose light above black is nearest to `wanted`.
@@ -153,17 +152,15 @@ void RelativeMap::check(const std::string& where) const {
   const std::string remedy = "; repair that entry or calibrate again";
   if (columns < 2 || rows < 2 || columns > 1024 || rows > 1024 ||
       values.size() != static_cast<std::size_t>(columns) * rows)
-    throw InputError(where + ": has " + std::to_string(values.size()) + " values for " +
-                     std::to_string(columns) + "×" + std::to_string(rows) + " nodes" + remedy);
+    throw InputError(where, ": has ", values.size(), " values for ", columns, "×", rows, " nodes", remedy);
   for (float value : values)
     if (!(std::isfinite(value) && value > 0.0f))
-      throw InputError(where + ": has a value of " + std::to_string(value) + ", which must be above zero" +
-                       remedy);
+      throw InputError(where, ": has a value of ", value, ", which must be above zero", remedy);
 }
 
 RelativeMap fit_relative_map(const Image& image, const Image& weight, int columns, int rows) {
   if (image.channels != 1 || !image.same_shape(weight))
-    throw InputError("a relative map is fitted to one channel, not " + shape_text(image));
+    throw InputError("a relative map is fitted to one channel, not ", shape_text(image));
   const int nodes = columns * rows;
   Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(nodes, nodes);
   Eigen::VectorXd right = Eigen::VectorXd::Zero(nodes);
@@ -213,28 +210,26 @@ bool CameraCalibration::is_linear() const {
 }
 
 void CameraCalibration::check(const std::string& where) const {
-  if (bits < 1 || bits > 16) refuse(where, "bits is " + std::to_string(bits) + " and must be 1 to 16");
+  if (bits < 1 || bits > 16) refuse(where, "bits is ", bits, " and must be 1 to 16");
   const std::size_t size = full_scale(bits) + 1;
   if (linear_from_dn.size() != size)
-    refuse(where, "the inverse response has " + std::to_string(linear_from_dn.size()) + " entries, " +
-                      std::to_string(bits) + " bits need " + std::to_string(size));
+    refuse(where, "the inverse response has ", linear_from_dn.size(), " entries, ", bits, " bits need ",
+           size);
   for (std::size_t dn = 0; dn < size; ++dn) {
     if (!std::isfinite(linear_from_dn[dn]))
-      refuse(where, "entry " + std::to_string(dn) + " of the inverse response is not finite");
+      refuse(where, "entry ", dn, " of the inverse response is not finite");
     if (dn > 0 && linear_from_dn[dn] < linear_from_dn[dn - 1])
-      refuse(where, "the inverse response falls at entry " + std::to_string(dn));
+      refuse(where, "the inverse response falls at entry ", dn);
   }
   if (linear_from_dn.front() == linear_from_dn.back()) refuse(where, "the inverse response is constant");
   if (!(saturation_dn >= 1.0 && saturation_dn <= static_cast<double>(full_scale(bits))))
-    refuse(where, "saturation_dn is " + std::to_string(saturation_dn) + " and must be 1 to " +
-                      std::to_string(full_scale(bits)));
+    refuse(where, "saturation_dn is ", saturation_dn, " and must be 1 to ", full_scale(bits));
   if (!(black_level_dn >= 0.0 && black_level_dn < linear_from_dn[static_cast<std::size_t>(saturation_dn)]))
-    refuse(where, "black_level_dn is " + std::to_string(black_level_dn) +
-                      " and must lie between 0 and the saturation");
+    refuse(where, "black_level_dn is ", black_level_dn, " and must lie between 0 and the saturation");
   require_positive(electrons_per_dn, "electrons_per_dn", where);
   require_positive(electrons_per_radiance_second, "electrons_per_radiance_second", where);
   if (!(std::isfinite(read_noise_electrons) && read_noise_electrons >= 0.0))
-    refuse(where, "read_noise_electrons is " + std::to_string(read_noise_electrons));
+    refuse(where, "read_noise_electrons is ", read_noise_electrons);
   flat_field.check(where + ", flat field");
 }
 
@@ -263,14 +258,12 @@ std::vector<float> srgb_response(int bits) {
 void MonitorCalibration::check(const std::string& where) const {
   for (const auto& table : radiance_from_level) {
     if (table.size() != drive_level_count)
-      refuse(where,
-             "a tone curve of the monitor has " + std::to_string(table.size()) + " entries instead of 256");
+      refuse(where, "a tone curve of the monitor has ", table.size(), " entries instead of 256");
     for (int level = 0; level < drive_level_count; ++level) {
       if (!(std::isfinite(table[level]) && table[level] >= 0.0f))
-        refuse(where, "the monitor's radiance at level " + std::to_string(level) + " is " +
-                          std::to_string(table[level]));
+        refuse(where, "the monitor's radiance at level ", level, " is ", table[level]);
       if (level > 0 && table[level] < table[level - 1])
-        refuse(where, "the monitor's radiance falls at level " + std::to_string(level));
+        refuse(where, "the monitor's radiance falls at level ", level);
     }
     if (table.front() == table.back())
       refuse(where, "a channel of the monitor emits the same light at all levels");
@@ -281,18 +274,18 @@ void MonitorCalibration::check(const std::string& where) const {
 void TimingCalibration::check(const std::string& where) const {
   const auto require_time = [&](Seconds time, const char* name) {
     if (!(std::isfinite(time.count()) && time.count() >= 0.0))
-      refuse(where, std::string(name) + " is " + std::to_string(time.count()) + " s");
+      refuse(where, name, " is ", time.count(), " s");
   };
   require_time(display_latency, "the display's latency");
   require_time(display_settling, "the display's settling");
   require_time(refresh_period, "the refresh period");
   require_time(exposure_unit, "the exposure unit");
   if (control_latency_frames < 0 || control_latency_frames > 1000)
-    refuse(where, "control_latency_frames is " + std::to_string(control_latency_frames));
+    refuse(where, "control_latency_frames is ", control_latency_frames);
 }
 
 DriveImage drive_levels(const Image& wanted, const MonitorCalibration& monitor, std::size_t* out_of_range) {
-  if (wanted.channels != 3) throw InputError("a light pattern needs 3 channels, not " + shape_text(wanted));
+  if (wanted.channels != 3) throw InputError("a light pattern needs 3 channels, not ", shape_text(wanted));
   DriveImage drive{wanted.width, wanted.height, std::vector<std::uint8_t>(wanted.values.size())};
   std::size_t too_bright = 0;
   for (std::size_t i = 0; i < wanted.values.size(); ++i) {

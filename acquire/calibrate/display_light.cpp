@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/calibrate.h"
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 
@@ -174,11 +173,10 @@ ToneCurve measure_tone_curve(CalibrationBench& bench, const CameraCalibration& c
     for (std::size_t i = 0; i < levels.size(); ++i) result.measured[c].push_back({levels[i], light[i]});
     constexpr double impossible = 0.05;  // of white
     if (result.falls[c] > impossible)
-      throw DeviceError(bench.display().name, EIO,
-                        std::string("its ") + channel_names[c] + " channel becomes darker by " +
-                            std::to_string(100.0 * result.falls[c]) +
-                            " % of white from one level to a higher one; turn off dynamic contrast and "
-                            "colour management, and let nothing move");
+      throw DeviceError(bench.display().name, EIO, "its ", channel_names[c], " channel becomes darker by ",
+                        100.0 * result.falls[c],
+                        " % of white from one level to a higher one; turn off dynamic contrast and "
+                        "colour management, and let nothing move");
     for (double& value : light) value = std::clamp(value, 0.0, 1.0);
     const MonotoneCurve curve(levels, never_falling(light));
     for (int level = 0; level < 256; ++level)
@@ -261,8 +259,7 @@ UniformityMap measure_flat_field(CalibrationBench& bench, const CameraCalibratio
   result.texture = std::sqrt(std::max(0.0, squares - noise));
   constexpr double plain = 0.03;
   if (result.texture > plain)
-    throw InputError("the flat field cannot be measured: the image varies by " +
-                     std::to_string(100.0 * result.texture) +
+    throw InputError("the flat field cannot be measured: the image varies by ", 100.0 * result.texture,
                      " % in addition to a smooth falloff, and at most 3 % is allowed; fill the frame with a "
                      "plain white card, out of focus, or skip this measurement");
   return result;
@@ -294,8 +291,8 @@ UniformityMap measure_screen_uniformity(CalibrationBench& bench, const CameraCal
         }
       constexpr double fewest = 12.0;
       if (count < fewest)
-        throw InputError("the screen's uniformity cannot be measured: a white square in column " +
-                         std::to_string(i + 1) + " and row " + std::to_string(j + 1) +
+        throw InputError("the screen's uniformity cannot be measured: a white square in column ", i + 1,
+                         " and row ", j + 1,
                          " of 8 × 6 is not visible; point the camera at the whole display");
       places.at(i, j, 0) = static_cast<float>(sum / count);
       progress.advance();

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/calibrate/calibrate.h"
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 
@@ -332,11 +331,10 @@ CameraResponse measure_response(CalibrationBench& bench, const BlackLevel& black
   const ResponseFit fit = fit_response(data, response.black_level_dn, response.saturation_dn);
   response.residual = fit.residual;
   if (fit.residual > largest_residual)
-    throw DeviceError(bench.camera().name, EIO,
-                      "brightness does not follow exposure: samples scatter by " +
-                          std::to_string(100.0 * fit.residual) +
-                          " % of the range about any response curve; turn off automatic exposure and gain, "
-                          "tone mapping and local contrast, and check that nothing moves");
+    throw DeviceError(bench.camera().name, EIO, "brightness does not follow exposure: samples scatter by ",
+                      100.0 * fit.residual,
+                      " % of the range about any response curve; turn off automatic exposure and gain, "
+                      "tone mapping and local contrast, and check that nothing moves");
   fill_table(fit, response);
   const MonotoneCurve curve(fit.dn, fit.light);
   response.darkest_share = 1.0;
@@ -354,9 +352,8 @@ ResponseFit fit_response(const std::vector<ResponseDatum>& data, double black_dn
   for (const ResponseDatum& datum : data) highest = std::max(highest, datum.dn);
   constexpr std::size_t fewest = 4 * knots;
   if (data.size() < fewest || highest - black_dn < 0.5 * (saturation_dn - black_dn))
-    throw InputError("the camera's response cannot be fitted: " + std::to_string(data.size()) +
-                     " samples reach from black at " + std::to_string(black_dn) + " DN to " +
-                     std::to_string(highest) + " DN, of a range to " + std::to_string(saturation_dn) +
+    throw InputError("the camera's response cannot be fitted: ", data.size(), " samples reach from black at ",
+                     black_dn, " DN to ", highest, " DN, of a range to ", saturation_dn,
                      " DN; give it more light or a wider range of exposures");
   ResponseFit fit;
   for (int k = 0; k < knots; ++k) fit.dn.push_back(black_dn + (saturation_dn - black_dn) * k / (knots - 1.0));
@@ -390,9 +387,8 @@ PhotonTransfer measure_photon_transfer(CalibrationBench& bench, const Metering& 
   }
   constexpr double least_growth = 2.0;
   if (!(slope > 0.0) || brightest < least_growth * dark.variance)
-    throw InputError("camera '" + bench.camera().name + "': noise does not grow with light (variance " +
-                     std::to_string(dark.variance) + " DN² in the dark, at most " +
-                     std::to_string(brightest) +
+    throw InputError("camera '", bench.camera().name, "': noise does not grow with light (variance ",
+                     dark.variance, " DN² in the dark, at most ", brightest,
                      " DN² in the light), so photon transfer cannot be measured. Denoised, sharpened or "
                      "compressed frames have this effect: choose a raw format and turn denoising off");
   // The dark frames' ambient light has noise, too.

@@ -4,7 +4,6 @@
 #include <tbb/parallel_for.h>
 #include <Eigen/LU>
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 
@@ -245,15 +244,13 @@ ControlLatency measure_control_latency(CalibrationBench& bench, const Metering& 
   result.seen_ratio = (high - metering.dark_dn) / std::max(1e-9, low - metering.dark_dn);
   // The response may bend: an exposure four times as long is rarely four times as bright in DN, but brighter.
   if (low - metering.dark_dn > 0.0 && result.seen_ratio < 1.0 + 0.1 * (result.expected_ratio - 1.0))
-    throw DeviceError(bench.camera().name, EIO,
-                      "ignores its exposure: " + std::to_string(longer.count()) + " s is as bright as " +
-                          std::to_string(shorter.count()) +
-                          " s; turn off automatic exposure and gain, and dynamic frame rate");
+    throw DeviceError(bench.camera().name, EIO, "ignores its exposure: ", longer.count(),
+                      " s is as bright as ", shorter.count(),
+                      " s; turn off automatic exposure and gain, and dynamic frame rate");
   result.frames = std::max(frames_until(result.level_dn, low), frames_until(down, high));
   if (result.frames > frames_watched - 2 * frames_compared)
-    throw DeviceError(bench.camera().name, EIO,
-                      "is still changing its brightness " + std::to_string(frames_watched) +
-                          " frames after its exposure was set; turn off automatic exposure and gain");
+    throw DeviceError(bench.camera().name, EIO, "is still changing its brightness ", frames_watched,
+                      " frames after its exposure was set; turn off automatic exposure and gain");
   return result;
 }
 
@@ -305,9 +302,8 @@ DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraRespon
     const double light = linear_mean(rise.frames.back(), metering, response);
     const double dark = linear_mean(fall.frames.back(), metering, response);
     if (light - dark < 1.0)
-      throw DeviceError(bench.display().name, EIO,
-                        "shows no change of light within " + std::to_string(bench.patience().count()) +
-                            " s of a flip; give a longer --patience");
+      throw DeviceError(bench.display().name, EIO, "shows no change of light within ",
+                        bench.patience().count(), " s of a flip; give a longer --patience");
     noise = std::max(noise, 1.0 / std::max(1.0, light - dark));  // a DN
     const auto collect = [&](const Series& series, double from, double to, std::vector<ChangeFrame>& into) {
       for (const RawFrame& frame : series.frames) {
@@ -329,10 +325,9 @@ DisplayTiming measure_display_timing(CalibrationBench& bench, const CameraRespon
       std::max(result.rise.latency + result.rise.settling, result.fall.latency + result.fall.settling) -
       result.latency;
   if (result.latency + result.settling > 0.9 * bench.patience())
-    throw DeviceError(bench.display().name, EIO,
-                      "is still changing " + std::to_string(bench.patience().count()) +
-                          " s after a flip; give a longer --patience, and turn off the display's own fading, "
-                          "dynamic contrast and power saving");
+    throw DeviceError(bench.display().name, EIO, "is still changing ", bench.patience().count(),
+                      " s after a flip; give a longer --patience, and turn off the display's own fading, "
+                      "dynamic contrast and power saving");
   return result;
 }
 

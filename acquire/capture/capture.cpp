@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/capture.h"
 
-#include <algorithm>
 #include <cmath>
 #include <future>
 

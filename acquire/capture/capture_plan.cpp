@@ -4,7 +4,6 @@
 
 #include <toml++/toml.h>
 
-#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -93,40 +92,35 @@ void CaptureRequest::check(const CameraDescription& described, const Illuminator
     run.throw_if_stopped();
     if (light.name.empty() || light.name.front() == '.' ||
         light.name.find_first_of("/\t\n\r") != std::string::npos)
-      throw InputError(light.wanted.string() + ": '" + light.name + "' cannot name a frame; rename the file");
+      throw InputError(light.wanted, ": '", light.name, "' cannot name a frame; rename the file");
     if (!names.insert(light.name).second)
-      throw InputError(light.wanted.string() + ": two frames would be named '" + light.name +
-                       "'; rename one");
+      throw InputError(light.wanted, ": two frames would be named '", light.name, "'; rename one");
     // Read whole, so that a damaged or impossible light is found before the first photograph, not in the
     // middle.
     const Image wanted = read_light_map(light.wanted, Parameterisation::monitor, run).radiance;
     if (wanted.width != display.width || wanted.height != display.height)
-      throw InputError(light.wanted.string() + ": is " + std::to_string(wanted.width) + "×" +
-                       std::to_string(wanted.height) + " texels, the monitor shows " +
-                       std::to_string(display.width) + "×" + std::to_string(display.height) +
-                       "; make the light map at that size");
+      throw InputError(light.wanted, ": is ", wanted.width, "×", wanted.height, " texels, the monitor shows ",
+                       display.width, "×", display.height, "; make the light map at that size");
     progress.advance();
   }
   camera.check("camera calibration");
   monitor.check("monitor calibration");
   if (timing) timing->check("timing calibration");
   if (camera.bits != described.bits)
-    throw InputError("the calibration is for " + std::to_string(camera.bits) + " bits, camera '" +
-                     described.name + "' gives " + std::to_string(described.bits) +
-                     "; calibrate it in this mode");
+    throw InputError("the calibration is for ", camera.bits, " bits, camera '", described.name, "' gives ",
+                     described.bits, "; calibrate it in this mode");
   if (frames_per_exposure < 1 || frames_per_exposure > 64)
-    throw InputError("frames per exposure is " + std::to_string(frames_per_exposure) + "; give 1 to 64");
+    throw InputError("frames per exposure is ", frames_per_exposure, "; give 1 to 64");
   if (ambient_repeats < 0 || ambient_repeats > max_ambient_count)
-    throw InputError("the number of ambient repeats is " + std::to_string(ambient_repeats) +
+    throw InputError("the number of ambient repeats is ", ambient_repeats,
                      "; give 1 to 64, or 0 for a number by that of the lights");
   if (!(gain > 0.0)) throw InputError("the gain must be above zero");
   if (mask.kind == MaskSource::Kind::painted) read_mask(mask.file, described.width, described.height);
   if (mask.kind == MaskSource::Kind::automatic && !mask.file.empty()) {
     const Image background = read_photograph(mask.file).radiance;
     if (background.width != described.width || background.height != described.height)
-      throw InputError(mask.file.string() + ": the background is " + shape_text(background) +
-                       ", the camera takes " + std::to_string(described.width) + "×" +
-                       std::to_string(described.height) + "; take it with this camera");
+      throw InputError(mask.file, ": the background is ", shape_text(background), ", the camera takes ",
+                       described.width, "×", described.height, "; take it with this camera");
   }
   if (!exposures.empty()) {
     check_exposures(exposures, described);
@@ -247,9 +241,8 @@ NoisePlan min_exposures(const SceneRange& range, const ExposurePlanOptions& opti
                         int frames_per_exposure) {
   options.check();
   if (!(range.dark > 0.0 && range.dark <= range.bright && options.relative_noise > 0.0))
-    throw InputError("exposures cannot be planned for radiance from " + std::to_string(range.dark) + " to " +
-                     std::to_string(range.bright) + " with a relative noise of " +
-                     std::to_string(options.relative_noise));
+    throw InputError("exposures cannot be planned for radiance from ", range.dark, " to ", range.bright,
+                     " with a relative noise of ", options.relative_noise);
   const double bound = options.relative_noise;
   const double full =
       head_room * well_of(calibration, gain).saturation / calibration.electrons_per_radiance_second;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/exposure_plan.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/base/number_text.h"
@@ -22,13 +21,11 @@ Seconds rounded_to_multiple(Seconds time, Seconds period) {
 }  // namespace
 
 void ExposurePlanOptions::check() const {
-  if (count < 1 || count > 16)
-    throw InputError("the number of exposures is " + std::to_string(count) + "; give 1 to 16");
+  if (count < 1 || count > 16) throw InputError("the number of exposures is ", count, "; give 1 to 16");
   if (!(ratio > 1.0 && ratio <= 64.0))
-    throw InputError("the ratio of exposures is " + std::to_string(ratio) +
-                     "; give more than 1 and at most 64");
+    throw InputError("the ratio of exposures is ", ratio, "; give more than 1 and at most 64");
   if (!(relative_noise >= 0.0 && relative_noise < 1.0))
-    throw InputError("the relative noise to plan for is " + std::to_string(relative_noise) +
+    throw InputError("the relative noise to plan for is ", relative_noise,
                      "; give a fraction such as 0.02, or 0 for a fixed series");
   if (!(shortest.count() >= 0.0 && multiple_of.count() >= 0.0))
     throw InputError("exposure times must not be negative");
@@ -57,15 +54,15 @@ void check_exposures(const std::vector<Seconds>& exposures, const CameraDescript
   for (std::size_t i = 0; i < exposures.size(); ++i) {
     const bool grows = i == 0 || exposures[i] > exposures[i - 1];
     if (!(exposures[i].count() > 0.0 && std::isfinite(exposures[i].count())) || !grows)
-      throw InputError("exposure " + std::to_string(i + 1) + " of the plan is " + text(exposures[i]) +
+      throw InputError("exposure ", i + 1, " of the plan is ", text(exposures[i]),
                        "; give times above zero in growing order");
     // Times pass through decimal text and back: allow for its rounding.
     constexpr double rounding = 1e-9;
     if (exposures[i] < camera.shortest_exposure * (1.0 - rounding) ||
         exposures[i] > camera.longest_exposure * (1.0 + rounding))
-      throw InputError("exposure " + std::to_string(i + 1) + " of the plan, " + text(exposures[i]) +
-                       ", lies outside the range of camera '" + camera.name + "', " +
-                       text(camera.shortest_exposure) + " to " + text(camera.longest_exposure) +
+      throw InputError("exposure ", i + 1, " of the plan, ", text(exposures[i]),
+                       ", lies outside the range of camera '", camera.name, "', ",
+                       text(camera.shortest_exposure), " to ", text(camera.longest_exposure),
                        "; plan fewer exposures, a smaller ratio or another shortest exposure");
   }
 }
@@ -80,8 +77,8 @@ void require_listed_exposures(const std::vector<Seconds>& exposures, const Camer
     std::string nearest;
     if (above != camera.exposures.begin()) nearest = text(*(above - 1));
     if (above != camera.exposures.end()) nearest += (nearest.empty() ? "" : " and ") + text(*above);
-    throw InputError("exposure " + std::to_string(i + 1) + " of the plan, " + text(wanted) +
-                     ", is no shutter time of camera '" + camera.name + "'; the nearest are " + nearest);
+    throw InputError("exposure ", i + 1, " of the plan, ", text(wanted), ", is no shutter time of camera '",
+                     camera.name, "'; the nearest are ", nearest);
   }
 }
 
@@ -126,8 +123,8 @@ Seconds shortest_useful_exposure(const CameraDescription& camera, const CameraCa
     const bool at_the_end =
         next == exposure || (!camera.exposures.empty() && settable_exposure(next, camera) == exposure);
     if (at_the_end && !clipped && signal <= 0.0)
-      throw InputError("camera '" + camera.name + "' sees no light at its longest exposure, " +
-                       text(exposure) + "; check the lens cap, the monitor and the aim");
+      throw InputError("camera '", camera.name, "' sees no light at its longest exposure, ", text(exposure),
+                       "; check the lens cap, the monitor and the aim");
     exposure = next;
     // A weak probe measures mostly noise: go on until the answer rests on a good signal.
     if (at_the_end || (!clipped && signal >= useful_signal)) break;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/frame_pairing.h"
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 
@@ -66,10 +65,9 @@ RawFrame FramePairing::photograph(Seconds exposure, double gain) {
     return frame;
   }
   if (counts_.stale - stale_before == max_stale_frames)
-    throw DeviceError(description_.name, EIO,
-                      "does not apply an exposure of " + std::to_string(exposure.count()) + " s at gain " +
-                          std::to_string(gain) +
-                          "; turn off automatic exposure, or plan exposures that it supports");
+    throw DeviceError(description_.name, EIO, "does not apply an exposure of ", exposure.count(),
+                      " s at gain ", gain,
+                      "; turn off automatic exposure, or plan exposures that it supports");
   throw DeviceError(description_.name, EIO,
                     "reports only exposures from before the pattern was shown; check that camera and display "
                     "stamp times with the same clock");
@@ -86,10 +84,8 @@ bool FramePairing::has_settings(const RawFrame& frame) {
 bool FramePairing::usable(const RawFrame& frame, Seconds exposure, double gain) {
   if (frame.width != description_.width || frame.height != description_.height ||
       frame.layout != description_.layout || frame.samples.size() != samples_of(description_))
-    throw DeviceError(description_.name, EIO,
-                      "sent a frame of " + std::to_string(frame.width) + "×" + std::to_string(frame.height) +
-                          " pixels instead of " + std::to_string(description_.width) + "×" +
-                          std::to_string(description_.height));
+    throw DeviceError(description_.name, EIO, "sent a frame of ", frame.width, "×", frame.height,
+                      " pixels instead of ", description_.width, "×", description_.height);
   const bool repeated = last_sequence_ && frame.sequence <= *last_sequence_;
   if (last_sequence_ && frame.sequence > *last_sequence_ + 1)
     counts_.lost += frame.sequence - *last_sequence_ - 1;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/scene_mask.h"
 
-#include <algorithm>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -41,9 +40,8 @@ Photograph difference(const Photograph& white, const Photograph* background) {
 
 Mask scene_mask(const Photograph& white, const Photograph* background) {
   if (background && !background->radiance.same_shape(white.radiance))
-    throw InputError("the background is " + shape_text(background->radiance) +
-                     ", the photograph under white " + shape_text(white.radiance) +
-                     "; take both with one camera");
+    throw InputError("the background is ", shape_text(background->radiance), ", the photograph under white ",
+                     shape_text(white.radiance), "; take both with one camera");
   const Photograph response = difference(white, background);
   const int width = white.radiance.width;
   const int height = white.radiance.height;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/capture/session_writer.h"
 
-#include <algorithm>
 #include <sstream>
 
 #include "core/base/files.h"
@@ -34,8 +33,7 @@ bool is_leftover(const fs::path& path) {
 
 bool holds_anything(const fs::path& folder) {
   if (!fs::exists(folder)) return false;
-  if (!fs::is_directory(folder))
-    throw InputError(folder.string() + ": is no folder; name another output folder");
+  if (!fs::is_directory(folder)) throw InputError(folder, ": is no folder; name another output folder");
   return !std::ranges::all_of(fs::directory_iterator(folder),
                               [](const auto& entry) { return is_leftover(entry.path()); });
 }
@@ -76,8 +74,7 @@ void require_frames_of(const std::vector<JournalEntry>& entries, const fs::path&
       const std::string file = path.lexically_relative(folder).generic_string();
       if (entry == entries.end() ||
           std::ranges::find(entry->files, file, &JournalFile::path) == entry->files.end())
-        throw InputError((folder / session_manifest_name).string() + ": frame '" + frame.name + "' names " +
-                         path.string() +
+        throw InputError(folder / session_manifest_name, ": frame '", frame.name, "' names ", path,
                          ", which the capture did not write for it; correct the manifest, or remove it so "
                          "that --resume writes it again");
     }
@@ -96,8 +93,8 @@ void require_same_plan(const fs::path& path, const std::string& stored, const st
     std::getline(old_lines, before);
     std::getline(new_lines, now);
   } while (before == now && old_lines && new_lines);
-  throw InputError(path.string() + ": the capture was begun with other inputs or options ('" + before +
-                   "', now '" + now + "'); resume with the same ones, or start again with --force");
+  throw InputError(path, ": the capture was begun with other inputs or options ('", before, "', now '", now,
+                   "'); resume with the same ones, or start again with --force");
 }
 
 }  // namespace
@@ -105,11 +102,10 @@ void require_same_plan(const fs::path& path, const std::string& stored, const st
 void check_session_folder(const fs::path& folder, IfExists if_exists) {
   if (!holds_anything(folder)) return;
   if (!fs::exists(folder / plan_name))
-    throw InputError(folder.string() +
-                     ": holds files that are not from a capture; name an empty or new folder");
+    throw InputError(folder, ": holds files that are not from a capture; name an empty or new folder");
   if (if_exists != IfExists::refuse) return;
   const bool complete = fs::exists(folder / session_manifest_name);
-  throw InputError(folder.string() + ": already holds " + (complete ? "a complete" : "an incomplete") +
+  throw InputError(folder, ": already holds ", complete ? "a complete" : "an incomplete",
                    " capture; --resume continues it, --force replaces it");
 }
 
@@ -191,7 +187,7 @@ void SessionWriter::finish(CaptureSession session) {
   std::vector<JournalEntry> ordered;
   for (const std::string& step : steps_) {
     const auto entry = std::ranges::find(entries_, step, &JournalEntry::step);
-    if (entry == entries_.end()) throw InputError("step '" + step + "' of the capture is not done");
+    if (entry == entries_.end()) throw InputError("step '", step, "' of the capture is not done");
     ordered.push_back(*entry);
   }
   write_journal(folder_ / journal_name, ordered);

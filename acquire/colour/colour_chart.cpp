@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
-#include <algorithm>
 #include <cmath>
 #include <deque>
 #include <limits>
@@ -461,10 +460,10 @@ Colours checked_colours(const Photograph& photograph, const Matrix3d& homography
       }
   }
   if (!clipped.empty())
-    throw InputError(name + ": the chart's patches " + patch_list(clipped) +
+    throw InputError(name, ": the chart's patches ", patch_list(clipped),
                      " are clipped; photograph the chart with a shorter exposure, or merge a bracket");
   if (!covered.empty())
-    throw InputError(name + ": the chart's patches " + patch_list(covered) +
+    throw InputError(name, ": the chart's patches ", patch_list(covered),
                      " are not even: something covers or shades them, or reflects in them; free the chart "
                      "and photograph it again");
   return colours;
@@ -517,15 +516,15 @@ ColourChart find_colour_chart(const Photograph& photograph, const std::string& n
   }
   const std::string remedy =
       "; photograph the whole chart, sharp, evenly lit, tilted by less than 40°, and at least 60 pixels wide";
-  if (!best) throw InputError(name + ": no chart of 24 patches was found" + remedy);
+  if (!best) throw InputError(name, ": no chart of 24 patches was found", remedy);
   if (!(best->median_delta_e < foreign_delta_e))
-    throw InputError(name + ": a grid of " + std::to_string(max_points) + " squares was found, but " +
-                     (is_cut ? "the chart reaches outside of the picture or "
-                             : "its colours are not those of the chart of 24 patches: ") +
-                     "it is another thing" + remedy);
+    throw InputError(name, ": a grid of ", max_points, " squares was found, but ",
+                     is_cut ? "the chart reaches outside of the picture or "
+                            : "its colours are not those of the chart of 24 patches: ",
+                     "it is another thing", remedy);
   if (best->is_mirrored)
     throw InputError(
-        name + ": the chart of 24 patches is mirrored; flip the picture, or photograph it without a mirror");
+        name, ": the chart of 24 patches is mirrored; flip the picture, or photograph it without a mirror");
   return {best->homography, checked_colours(photograph, best->homography, name)};
 }
 
@@ -552,13 +551,13 @@ ColourFit fit_colour(const ColourChart& chart, const std::string& name) {
   // p(camera) is a reflectance. The camera's grey of green 1 shall become 1.
   const Vector3d grey = fit.rec709_from_camera.inverse() * Vector3d::Ones();
   if (!(grey.minCoeff() > 0.0) || !grey.allFinite())
-    throw InputError(name + ": no colour matrix fits the chart; check that the photograph is scene-linear");
+    throw InputError(name, ": no colour matrix fits the chart; check that the photograph is scene-linear");
   fit.rec709_from_camera *= grey[1];
   if (fit.largest_delta_e() > tolerated_delta_e) {
     std::vector<int> patches;
     for (int k = 0; k < chart_patches; ++k)
       if (fit.delta_e[k] > tolerated_delta_e) patches.push_back(k);
-    throw InputError(name + ": the chart's patches " + patch_list(patches) +
+    throw InputError(name, ": the chart's patches ", patch_list(patches),
                      " do not have the expected colours: something covers them or reflects in them, the "
                      "chart has faded, or the photograph is not scene-linear");
   }

@@ -133,8 +133,8 @@ DrmConnectorInfo find_drm_connector(const std::string& card, const std::string& 
       throw DeviceError(connector.name, ENODEV, "no monitor is plugged in, or it is switched off");
     return connector;
   }
-  throw InputError("monitor '" + (card.empty() ? "" : card + " ") + name +
-                   "': the connector does not exist; connectors:" + list);
+  throw InputError("monitor '", card.empty() ? "" : card + " ", name,
+                   "': the connector does not exist; connectors:", list);
 }
 
 std::size_t find_drm_mode(const DrmConnectorInfo& connector, const std::string& text) {
@@ -152,7 +152,7 @@ std::size_t find_drm_mode(const DrmConnectorInfo& connector, const std::string& 
     list += " " + mode.text();
   }
   if (text.empty() && !connector.modes.empty()) return 0;
-  throw InputError(connector.name + ": has no mode '" + text + "'; it has" + list);
+  throw InputError(connector.name, ": has no mode '", text, "'; it has", list);
 }
 
 /// One connector in one mode, whose frame buffers this program flips, by the calls that drivers with and
@@ -208,8 +208,8 @@ struct DrmMonitor::State {
   int largest_scale() const {
     const int result = std::min(screen().width / width, screen().height / height);
     if (result >= 1) return result;
-    throw InputError(connector.name + ": light maps of " + std::to_string(width) + "×" +
-                     std::to_string(height) + " texels are larger than its mode " + screen().text());
+    throw InputError(connector.name, ": light maps of ", width, "×", height,
+                     " texels are larger than its mode ", screen().text());
   }
 
   Owned<drmModeConnector> connector_now(bool probe) const {

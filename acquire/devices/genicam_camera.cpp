@@ -108,9 +108,9 @@ GenicamIdentity find_genicam_camera(const std::string& text) {
     if (text == camera.serial || text == camera.id || text == camera.model || text == camera.address)
       found.push_back(camera);
   if (found.size() == 1) return found.front();
-  throw InputError("camera 'genicam:" + text +
-                   "': " + (found.empty() ? "no camera has this name" : "several cameras have this name") +
-                   "; " + list_of_genicam(cameras));
+  throw InputError("camera 'genicam:", text,
+                   "': ", found.empty() ? "no camera has this name" : "several cameras have this name", "; ",
+                   list_of_genicam(cameras));
 }
 
 ArvGcFeatureNode* feature_node(ArvCamera* camera, const std::string& name) {
@@ -307,7 +307,7 @@ class OpenGenicam {
   void set_feature(const std::string& name, const std::string& value) const {
     ArvGcFeatureNode* node = feature_node(camera(), name);
     if (!node)
-      throw InputError(name_ + ": feature " + name +
+      throw InputError(name_, ": feature ", name,
                        " is not there or not available now; 'refield acquire devices' lists features, "
                        "'arv-tool-0.8 features' all of them");
     GError* error = nullptr;
@@ -315,11 +315,11 @@ class OpenGenicam {
     const std::string why = error ? std::string(": ") + error->message : "";
     const bool gone = error && is_lost(*error);
     g_clear_error(&error);
-    if (gone) throw DeviceError(name_, ENODEV, "does not answer" + why);
+    if (gone) throw DeviceError(name_, ENODEV, "does not answer", why);
     const auto now = feature_of(camera(), name);
     if (now && reads_as(now->value, value)) return;
-    throw InputError(name_ + ": feature " + name + " = " + value + " is refused; it reads " +
-                     (now ? now->value + ", and its limits are " + now->limits : "nothing") + why);
+    throw InputError(name_, ": feature ", name, " = ", value, " is refused; it reads ",
+                     now ? now->value + ", and its limits are " + now->limits : "nothing", why);
   }
 
   void switch_off_automatic_modes() const {
@@ -330,11 +330,10 @@ class OpenGenicam {
         set_feature(mode.feature, mode.off);
       } catch (const InputError& refused) {
         if (mode.spoils_captures)
-          throw DeviceError(name_, EINVAL,
-                            std::string("keeps choosing by itself (") + refused.what() +
-                                "); photographs would not be comparable: use another camera, or set the "
-                                "feature under [controls]");
-        run_.note(std::string(refused.what()) + "; its response must be calibrated");
+          throw DeviceError(name_, EINVAL, "keeps choosing by itself (", refused.what(),
+                            "); photographs would not be comparable: use another camera, or set the "
+                            "feature under [controls]");
+        run_.note(refused.what(), "; its response must be calibrated");
       }
     }
   }
@@ -362,20 +361,20 @@ class OpenGenicam {
       best_name = name;
     }
     if (!best)
-      throw InputError(name_ + ": " +
-                       (options_.format.empty() ? "offers no pixel format that this program reads"
-                        : best_name.empty()     ? "does not offer the pixel format " + options_.format
-                                            : "this program does not read the pixel format " + best_name) +
-                       "; the camera offers" + names);
+      throw InputError(name_, ": ",
+                       options_.format.empty() ? "offers no pixel format that this program reads"
+                       : best_name.empty()     ? "does not offer the pixel format " + options_.format
+                                               : "this program does not read the pixel format " + best_name,
+                       "; the camera offers", names);
     ask(name_, "refuses the pixel format " + best_name,
         [&](GError** e) { arv_camera_set_pixel_format_from_string(camera(), best_name.c_str(), e); });
     format_code_ = arv_camera_get_pixel_format(camera(), nullptr);
     if (or_empty(arv_camera_get_pixel_format_as_string(camera(), nullptr)) != best_name)
-      throw DeviceError(name_, EINVAL, "does not keep the pixel format " + best_name);
+      throw DeviceError(name_, EINVAL, "does not keep the pixel format ", best_name);
     format_ = *best;
     options_.format = best_name;
     if (!format_.is_raw())
-      run_.note(name_ + ": " + best_name +
+      run_.note(name_, ": ", best_name,
                 " frames are processed by the camera (colours); its response must be calibrated");
   }
 
@@ -395,10 +394,9 @@ class OpenGenicam {
                             wanted.height, nullptr);
       const FrameWindow now = window();
       if (now.x != wanted.x || now.y != wanted.y || now.width != wanted.width || now.height != wanted.height)
-        throw InputError(name_ + ": the camera makes window " + text_of(now) + " of " + text_of(wanted) +
-                         "; width is a multiple of " +
-                         std::to_string(arv_camera_get_width_increment(camera(), nullptr)) + ", height of " +
-                         std::to_string(arv_camera_get_height_increment(camera(), nullptr)) +
+        throw InputError(name_, ": the camera makes window ", text_of(now), " of ", text_of(wanted),
+                         "; width is a multiple of ", arv_camera_get_width_increment(camera(), nullptr),
+                         ", height of ", arv_camera_get_height_increment(camera(), nullptr),
                          ", and both end with the sensor");
     }
     options_.window = window();
@@ -407,11 +405,10 @@ class OpenGenicam {
     const bool is_packed =
         format_.packing == SamplePacking::lsb_first || format_.packing == SamplePacking::gige_packed;
     if (is_packed && description_.width * format_.bits % 8)
-      throw InputError(name_ + ": a line of " + std::to_string(description_.width) + " pixels of " +
-                       options_.format +
+      throw InputError(name_, ": a line of ", description_.width, " pixels of ", options_.format,
                        " is no whole number of bytes; choose a width that is a multiple of 4");
     if (is_bayer(format_.layout) && (options_.window->x % 2 || options_.window->y % 2))
-      throw InputError(name_ + ": window " + text_of(*options_.window) +
+      throw InputError(name_, ": window ", text_of(*options_.window),
                        ": pixels share colours in pairs; begin it at even numbers");
   }
   static std::string text_of(const FrameWindow& window) {
@@ -428,8 +425,8 @@ class OpenGenicam {
       if (std::abs(now - options_.rate) > 0.01 * options_.rate) {
         double low = 0.0, high = 0.0;
         arv_camera_get_frame_rate_bounds(camera(), &low, &high, nullptr);
-        throw InputError(name_ + ": makes " + short_text(now) + " frames per second, not " +
-                         short_text(options_.rate) + "; its range is " + short_text(low) + " to " +
+        throw InputError(name_, ": makes ", short_text(now), " frames per second, not ",
+                         short_text(options_.rate), "; its range is ", short_text(low), " to ",
                          short_text(high));
       }
     }
@@ -442,8 +439,8 @@ class OpenGenicam {
     g_clear_error(&error);
     if (or_empty(arv_camera_get_trigger_source(camera(), nullptr)) == options_.trigger) return;
     const auto sources = feature_of(camera(), "TriggerSource");
-    throw InputError(name_ + ": trigger " + options_.trigger + " is refused" + why + "; the camera offers " +
-                     (sources ? sources->limits : "none"));
+    throw InputError(name_, ": trigger ", options_.trigger, " is refused", why, "; the camera offers ",
+                     sources ? sources->limits : "none");
   }
 
   void read_limits() {
@@ -481,10 +478,9 @@ class OpenGenicam {
                  static_cast<int>(wanted), "frame-retention", static_cast<guint>(retention_us), nullptr);
     std::size_t limit = 0;
     if (std::ifstream("/proc/sys/net/core/rmem_max") >> limit && limit < 2 * frame_bytes)
-      run_.note(name_ + ": the system limits the receive buffer of a socket to " +
-                std::to_string(limit / 1024) + " KiB, less than two frames of " +
-                std::to_string(frame_bytes / 1024) +
-                " KiB, so packets may be lost; 'sudo sysctl -w net.core.rmem_max=" + std::to_string(wanted) +
+      run_.note(name_, ": the system limits the receive buffer of a socket to ", limit / 1024,
+                " KiB, less than two frames of ", frame_bytes / 1024,
+                " KiB, so packets may be lost; 'sudo sysctl -w net.core.rmem_max=", wanted,
                 "' raises the limit");
   }
 
@@ -551,9 +547,8 @@ class GenicamCamera final : public StreamingCamera {
         limit = with_start();
         is_last = false;
       }
-    throw DeviceError(open_->name(), ETIMEDOUT,
-                      "no frame came within " + short_text(timeout.count()) +
-                          " s; check cable, trigger and that no firewall drops its packets");
+    throw DeviceError(open_->name(), ETIMEDOUT, "no frame came within ", short_text(timeout.count()),
+                      " s; check cable, trigger and that no firewall drops its packets");
   }
 
  private:

@@ -26,7 +26,7 @@ using Chip = std::unique_ptr<gpiod_chip, CloseChip>;
     remedy = "; the chip does not exist: 'refield acquire devices' lists chips";
   else if (error == EACCES || error == EPERM)
     remedy = "; permission denied: become a member of the chip's group or run as root";
-  throw DeviceError(address.text(), error, what + remedy);
+  throw DeviceError(address.text(), error, what, remedy);
 }
 
 /// A line with its chip, not yet asked for.
@@ -39,8 +39,7 @@ struct OpenLine {
       : address(wanted), chip(gpiod_chip_open_lookup(wanted.chip.c_str())) {
     if (!chip) fail(address, "cannot be opened");
     if (address.line >= gpiod_chip_num_lines(chip.get()))
-      throw InputError(address.text() + ": the chip has lines 0 to " +
-                       std::to_string(gpiod_chip_num_lines(chip.get()) - 1));
+      throw InputError(address.text(), ": the chip has lines 0 to ", gpiod_chip_num_lines(chip.get()) - 1);
     line = gpiod_chip_get_line(chip.get(), address.line);
     if (!line) fail(address, "cannot be found");
   }
@@ -160,11 +159,9 @@ std::vector<GpioChipInfo> find_gpio_chips() {
 
 void GpioTriggerOptions::check() const {
   if (!(pulse_width.count() > 0.0 && pulse_width.count() <= 1.0))
-    throw InputError("trigger: a pulse width of " + std::to_string(pulse_width.count()) +
-                     " s lies outside 0 to 1 s");
+    throw InputError("trigger: a pulse width of ", pulse_width.count(), " s lies outside 0 to 1 s");
   if (!(timeout.count() > 0.0 && timeout.count() <= 3600.0))
-    throw InputError("trigger: a time-out of " + std::to_string(timeout.count()) +
-                     " s lies outside 0 to 3600 s");
+    throw InputError("trigger: a time-out of ", timeout.count(), " s lies outside 0 to 3600 s");
 }
 
 struct GpioTrigger::State {
@@ -183,9 +180,8 @@ struct GpioTrigger::State {
     if (!ready) return;
     ready->forget_changes();
     if (ready->is_active() || ready->wait_for_active(options.timeout)) return;
-    throw DeviceError(options.ready->text(), ETIMEDOUT,
-                      "the camera did not become ready within " + std::to_string(options.timeout.count()) +
-                          " s; check its power, the wire and the line's polarity");
+    throw DeviceError(options.ready->text(), ETIMEDOUT, "the camera did not become ready within ",
+                      options.timeout.count(), " s; check its power, the wire and the line's polarity");
   }
 };
 
@@ -205,10 +201,9 @@ TimePoint GpioTrigger::fire() {
   trigger.set(false);
   if (!strobe) return before;
   if (const auto begun = strobe->wait_for_active(options.timeout)) return *begun;
-  throw DeviceError(options.strobe->text(), ETIMEDOUT,
-                    "no strobe within " + std::to_string(options.timeout.count()) +
-                        " s of the trigger; check that the camera is in its trigger mode and that both wires "
-                        "are connected");
+  throw DeviceError(options.strobe->text(), ETIMEDOUT, "no strobe within ", options.timeout.count(),
+                    " s of the trigger; check that the camera is in its trigger mode and that both wires "
+                    "are connected");
 }
 
 }  // namespace refield

@@ -167,11 +167,11 @@ void check_window(const FrameWindow& window, const PixelFormat& format, int widt
                            std::to_string(window.width) + ", " + std::to_string(window.height);
   if (window.x < 0 || window.y < 0 || window.width < 1 || window.height < 1 ||
       window.width > width - window.x || window.height > height - window.y)
-    throw InputError(text + " does not lie within the frame of " + std::to_string(width) + "×" +
-                     std::to_string(height) + " pixels; it is left, top, width, height");
+    throw InputError(text, " does not lie within the frame of ", width, "×", height,
+                     " pixels; it is left, top, width, height");
   const bool paired = is_bayer(format.layout) || format.packing == yuyv;
   if (paired && (window.x % 2 || window.y % 2 || window.width % 2 || window.height % 2))
-    throw InputError(text + ": pixels share colours in pairs; give even numbers");
+    throw InputError(text, ": pixels share colours in pairs; give even numbers");
 }
 
 }  // namespace
@@ -187,7 +187,7 @@ std::vector<std::uint16_t> decode_jpeg_frame(std::span<const std::uint8_t> jpeg,
   std::vector<std::uint8_t> bytes(std::size_t{3} * width * height);
   const bool complete = decode(decoder, jpeg, width, height, bytes.data());
   jpeg_destroy_decompress(&decoder);
-  if (!complete) throw DeviceError(device, EIO, std::string("sent a damaged MJPEG frame: ") + errors.message);
+  if (!complete) throw DeviceError(device, EIO, "sent a damaged MJPEG frame: ", errors.message);
   return {bytes.begin(), bytes.end()};
 }
 
@@ -197,7 +197,7 @@ bool PixelFormat::is_raw() const {
 
 std::uint32_t fourcc_from_text(const std::string& text) {
   if (text.empty() || text.size() > 4)
-    throw InputError("pixel format '" + text +
+    throw InputError("pixel format '", text,
                      "': give its code of at most four characters, such as RGGB or Y16");
   std::string padded = text;
   padded.resize(4, ' ');
@@ -270,9 +270,8 @@ Samples unpack_frame(std::span<const std::uint8_t> data, const PixelFormat& form
   if (format.packing == mjpeg) decoded = decode_jpeg_frame(data, width, height, device);
   const std::size_t needed = bytes_per_line * (height - 1) + line_bytes(format, width);
   if (decoded.empty() && (bytes_per_line < line_bytes(format, width) || data.size() < needed))
-    throw DeviceError(device, EIO,
-                      "gave " + std::to_string(data.size()) + " bytes instead of " + std::to_string(needed) +
-                          "; the frame is damaged");
+    throw DeviceError(device, EIO, "gave ", data.size(), " bytes instead of ", needed,
+                      "; the frame is damaged");
   const std::size_t channels = format.layout == rgb ? 3 : 1;
   Samples samples(channels * window.width * window.height);
   std::uint16_t* out = samples.data();

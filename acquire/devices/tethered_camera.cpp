@@ -18,7 +18,7 @@ void TetheredCamera::wait_for_replug(const DeviceError& gone, const std::string&
                                      const RunContext& run, const std::function<bool()>& open) {
   constexpr Seconds look_again{0.25};
   if (patience.count() <= 0.0) throw DeviceError(gone);
-  run.note(name + ": does not answer; waiting " + std::to_string(std::lround(patience.count())) +
+  run.note(name, ": does not answer; waiting ", std::lround(patience.count()),
            " s for it to be connected again");
   const auto begun = std::chrono::steady_clock::now();
   while (seconds_since(begun) < patience.count()) {
@@ -32,7 +32,7 @@ void TetheredCamera::wait_for_replug(const DeviceError& gone, const std::string&
       continue;
     }
     ++troubles_.replugs;
-    run.note(name + ": is connected again");
+    run.note(name, ": is connected again");
     return;
   }
   throw DeviceError(gone);
@@ -58,7 +58,7 @@ void StreamingCamera::make_settings_again() {
 void StreamingCamera::require_range(const std::string& what, double value, double low, double high,
                                     double rounding) const {
   if (!(value >= low - rounding && value <= high + rounding))
-    throw InputError(describe().name +
+    throw InputError(describe().name,
                      formatted(": %s of %.7g lies outside %.7g to %.7g", what.c_str(), value, low, high));
 }
 

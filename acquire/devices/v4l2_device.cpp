@@ -160,7 +160,7 @@ void V4l2Device::fail(int error_number, const std::string& what) const {
     remedy = "; no signal arrives at the input: check cable and source";
   else if (error_number == ENOENT)
     remedy = "; 'refield acquire devices' lists what is there";
-  throw DeviceError(node_.string(), error_number, what + remedy);
+  throw DeviceError(node_.string(), error_number, what, remedy);
 }
 
 std::vector<V4l2Identity> find_v4l2_cameras() {
@@ -191,11 +191,11 @@ V4l2Identity find_v4l2_camera(const std::string& text) {
   if (one_bus) return found.front();
   if (found.empty() && fs::exists(node)) {
     const V4l2Device device(node);  // says why it cannot be opened
-    throw InputError(text + ": is no camera that streams by memory mapping; " + list_of(cameras));
+    throw InputError(text, ": is no camera that streams by memory mapping; ", list_of(cameras));
   }
-  throw InputError("camera '" + text +
-                   "': " + (found.empty() ? "no device has this name" : "several devices have this name") +
-                   "; " + list_of(cameras));
+  throw InputError("camera '", text,
+                   "': ", found.empty() ? "no device has this name" : "several devices have this name", "; ",
+                   list_of(cameras));
 }
 
 std::vector<V4l2FormatInfo> formats_of(const V4l2Device& device) {

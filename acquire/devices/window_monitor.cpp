@@ -96,8 +96,8 @@ struct WindowMonitor::State {
   explicit State(const WindowMonitorOptions& options) {
     const auto displays = desktop.displays();
     if (options.display < 0 || static_cast<std::size_t>(options.display) >= displays.size())
-      throw InputError("the desktop has " + std::to_string(displays.size()) +
-                       " display(s); there is no display " + std::to_string(options.display));
+      throw InputError("the desktop has ", displays.size(), " display(s); there is no display ",
+                       options.display);
     GLFWmonitor* chosen = displays[static_cast<std::size_t>(options.display)];
     display = description_of(chosen);
     open_window(chosen);
@@ -107,9 +107,8 @@ struct WindowMonitor::State {
     height = options.height > 0 ? options.height : screen_height;
     scale = std::min(screen_width / width, screen_height / height);
     if (scale < 1)
-      throw InputError(display.name + ": light maps of " + std::to_string(width) + "×" +
-                       std::to_string(height) + " texels are larger than the screen of " +
-                       std::to_string(screen_width) + "×" + std::to_string(screen_height) + " pixels");
+      throw InputError(display.name, ": light maps of ", width, "×", height,
+                       " texels are larger than the screen of ", screen_width, "×", screen_height, " pixels");
     prepare_drawing();
     waits = swaps_wait();
   }

@@ -4,7 +4,6 @@
 #include <libraw/libraw.h>
 
 #include <bit>
-#include <cctype>
 #include <cmath>
 #include <numeric>
 
@@ -40,16 +39,15 @@ PixelLayout raw_layout(const std::string& pattern, const fs::path& path) {
     std::ranges::transform(letters, letters.begin(), [](unsigned char c) { return std::toupper(c); });
     if (pattern.starts_with(letters)) return layout;
   }
-  throw FormatError(path,
-                    "has the colour filter '" + pattern +
-                        "', which is none of RGGB, GRBG, GBRG, BGGR; develop it to a linear 16-bit TIFF");
+  throw FormatError(path, "has the colour filter '", pattern,
+                    "', which is none of RGGB, GRBG, GBRG, BGGR; develop it to a linear 16-bit TIFF");
 }
 
 /// Throws FormatError unless LibRaw succeeded.
 void check_raw(int code, const fs::path& path, const std::string& what) {
   if (code != LIBRAW_SUCCESS)
-    throw FormatError(path, "cannot be " + what + " by LibRaw (" + LibRaw::strerror(code) +
-                                "); develop it to a linear 16-bit TIFF");
+    throw FormatError(path, "cannot be ", what, " by LibRaw (", LibRaw::strerror(code),
+                      "); develop it to a linear 16-bit TIFF");
 }
 
 /// Tags of a DNG that LibRaw reduces to less.
@@ -155,9 +153,8 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
   for (const auto& [deltas, length] :
        {std::pair(&of_columns, frame.width + left), std::pair(&of_rows, frame.height + top)})
     if (!deltas->empty() && std::ssize(*deltas) != length)
-      throw FormatError(path, "states black levels (BlackLevelDelta) of " + std::to_string(deltas->size()) +
-                                  " rows or columns, of which it has " + std::to_string(length) +
-                                  "; develop it to a linear 16-bit TIFF");
+      throw FormatError(path, "states black levels (BlackLevelDelta) of ", deltas->size(),
+                        " rows or columns, of which it has ", length, "; develop it to a linear 16-bit TIFF");
   // LibRaw adds the mean of each.
   const auto mean_of = [](const std::vector<double>& deltas) {
     return deltas.empty() ? 0.0 : std::reduce(deltas.begin(), deltas.end()) / std::ssize(deltas);
@@ -177,8 +174,8 @@ RawLevels level_black(LibRaw& raw, const DngTags& tags, RawFrame& frame, const f
     highest = std::max(highest, black_at(i));
   }
   if (colour.maximum <= highest)
-    throw FormatError(path, "states a black level of " + std::to_string(highest) + " and saturation at " +
-                                std::to_string(colour.maximum) + "; develop it to a linear 16-bit TIFF");
+    throw FormatError(path, "states a black level of ", highest, " and saturation at ", colour.maximum,
+                      "; develop it to a linear 16-bit TIFF");
   if (lowest < highest)
     for (std::size_t i = 0; i < frame.samples.size(); ++i)
       frame.samples[i] -=
@@ -291,7 +288,7 @@ std::vector<std::uint16_t> read_samples(ImageFile& file, const fs::path& path, i
       first.insert(first.end(), samples.begin() + p, samples.begin() + p + channels);
     return first;
   } catch (const std::exception& error) {
-    throw FormatError(path, "cannot be read to its end (" + std::string(error.what()) + "); copy it again");
+    throw FormatError(path, "cannot be read to its end (", error.what(), "); copy it again");
   }
 }
 
@@ -323,8 +320,8 @@ BracketFile read_bracket_file(const fs::path& path, std::optional<PixelLayout> o
   }
   const StoredImage& stored = input->stored();
   if (stored.channels.size() > 4)
-    throw FormatError(path, "has " + std::to_string(stored.channels.size()) +
-                                " channels, of which none is named; export red, green and blue alone");
+    throw FormatError(path, "has ", stored.channels.size(),
+                      " channels, of which none is named; export red, green and blue alone");
   const int channels = stored.channels.size() >= 3 ? 3 : 1;
   file.response = facts.response;
   file.frame.width = stored.width;
@@ -348,8 +345,8 @@ void require_same_settings(const CameraSettings& settings, const fs::path& path,
     constexpr double rounding = 0.02;
     if (!value || !other || std::abs(*value - *other) <= rounding * std::abs(*other)) return;
     const auto text = [](double number) { return formatted("%.4g", number); };
-    throw InputError(path.string() + ": was taken with " + name + " " + text(*value) + ", but " +
-                     expected_path.string() + " with " + text(*other) + "; " + remedy);
+    throw InputError(path, ": was taken with ", name, " ", text(*value), ", but ", expected_path, " with ",
+                     text(*other), "; ", remedy);
   };
   const char* again = "photograph the series with one setting";
   require("ISO speed", settings.iso, expected.iso, again);
@@ -384,8 +381,8 @@ void write_raw_frame(const fs::path& path, const RawFrame& frame) {
       image_formats().write_samples(temporary.string(), frame.width, frame.height,
                                     frame.layout == PixelLayout::rgb ? 3 : 1, frame.samples.data());
     } catch (const std::exception& error) {
-      throw DeviceError(path.string(), errno != 0 ? errno : EIO,
-                        "cannot write the raw frame (" + std::string(error.what()) + ")");
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the raw frame (", error.what(),
+                        ")");
     }
   });
 }

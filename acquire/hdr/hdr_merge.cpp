@@ -5,7 +5,6 @@
 #include <tbb/parallel_for.h>
 #include <opencv2/imgproc.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -268,13 +267,12 @@ void check_frames(std::span<const RawFrame> frames, const CameraCalibration& cam
     const std::string name = "exposure " + std::to_string(i + 1) + " of " + std::to_string(frames.size());
     if (frame.width != first.width || frame.height != first.height || frame.layout != first.layout ||
         frame.samples.size() != expected || expected == 0)
-      throw InputError(name + ": is " + std::to_string(frame.width) + "×" + std::to_string(frame.height) +
+      throw InputError(name, ": is ", frame.width, "×", frame.height,
                        " pixels and differs in size or layout from the first; merge exposures of one camera");
     if (!(frame.exposure.count() > 0.0 && std::isfinite(frame.exposure.count()) && frame.gain > 0.0))
-      throw InputError(name + ": exposure time and gain must be above zero");
+      throw InputError(name, ": exposure time and gain must be above zero");
     if (const auto top = *std::ranges::max_element(frame.samples); top >= camera.linear_from_dn.size())
-      throw InputError(name + ": has a sample of " + std::to_string(top) + ", more than the " +
-                       std::to_string(camera.bits) +
+      throw InputError(name, ": has a sample of ", top, ", more than the ", camera.bits,
                        " bits of the calibration; give the camera's own calibration");
   }
 }
@@ -290,7 +288,7 @@ Image repeated_in_all_channels(const Image& grey) {
 Photograph demosaic(const Image& radiance, const Image& sigma, PixelLayout layout) {
   if (!is_bayer(layout) || radiance.channels != 1 || !radiance.same_shape(sigma) || radiance.width < 2 ||
       radiance.height < 2)
-    throw InputError("Bayer planes must have one channel and at least 2×2 pixels, not " +
+    throw InputError("Bayer planes must have one channel and at least 2×2 pixels, not ",
                      shape_text(radiance));
   const int width = radiance.width;
   const int height = radiance.height;
@@ -379,7 +377,7 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
                                   MergeStatistics* statistics) {
   if (images.empty()) throw InputError("there is no exposure to merge");
   if (images.size() != exposures.size())
-    throw InputError(std::to_string(images.size()) + " images but " + std::to_string(exposures.size()) +
+    throw InputError(images.size(), " images but ", exposures.size(),
                      " exposure times; give one for each image");
   if (!(sensor.black < sensor.saturation && sensor.electrons_per_value > 0.0 &&
         sensor.read_noise_electrons >= 0.0))
@@ -388,10 +386,10 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
   for (std::size_t i = 0; i < images.size(); ++i) {
     const std::string name = "exposure " + std::to_string(i + 1) + " of " + std::to_string(images.size());
     if (!images[i].same_shape(images[0]))
-      throw InputError(name + ": is " + shape_text(images[i]) + ", the first is " + shape_text(images[0]) +
+      throw InputError(name, ": is ", shape_text(images[i]), ", the first is ", shape_text(images[0]),
                        "; merge exposures of one camera");
     if (!(exposures[i].count() > 0.0 && std::isfinite(exposures[i].count())))
-      throw InputError(name + ": the exposure time must be above zero");
+      throw InputError(name, ": the exposure time must be above zero");
     require_finite(images[i], name, true, "repair that pixel");
     per_radiance.push_back(static_cast<float>(exposures[i].count() * sensor.electrons_per_value));
   }
@@ -418,8 +416,8 @@ Photograph merge_linear_exposures(std::span<const Image> images, std::span<const
 
 void subtract_ambient(Photograph& photograph, const Photograph& ambient) {
   if (!photograph.radiance.same_shape(ambient.radiance))
-    throw InputError("the ambient photograph is " + shape_text(ambient.radiance) + ", the photograph " +
-                     shape_text(photograph.radiance) + "; take both with one camera");
+    throw InputError("the ambient photograph is ", shape_text(ambient.radiance), ", the photograph ",
+                     shape_text(photograph.radiance), "; take both with one camera");
   for (std::size_t i = 0; i < photograph.radiance.values.size(); ++i) {
     photograph.radiance.values[i] -= ambient.radiance.values[i];
     photograph.sigma.values[i] = std::hypot(photograph.sigma.values[i], ambient.sigma.values[i]);

@@ -16,8 +16,7 @@ namespace {
 std::vector<Seconds> stated_exposures(const Bracket& bracket, std::span<const Seconds> given) {
   if (!given.empty()) {
     if (given.size() != bracket.files.size())
-      throw InputError("--exposures gives " + std::to_string(given.size()) + " times for " +
-                       std::to_string(bracket.files.size()) +
+      throw InputError("--exposures gives ", given.size(), " times for ", bracket.files.size(),
                        " images; give one time for each image, in order");
     return {given.begin(), given.end()};
   }
@@ -27,7 +26,7 @@ std::vector<Seconds> stated_exposures(const Bracket& bracket, std::span<const Se
     if (!file.exposure && bracket.files.size() == 1 && !file.sigma.empty())
       return {Seconds(1.0)};  // merged already, by another tool
     if (!file.exposure)
-      throw InputError(bracket.paths[i].string() +
+      throw InputError(bracket.paths[i],
                        ": does not state its exposure time; give the times of all images with --exposures");
     require_same_settings(file.settings, bracket.paths[i], bracket.files[0].settings, bracket.paths[0]);
     exposures.push_back(*file.exposure);
@@ -43,8 +42,8 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
   constexpr double same = 0.02;  // metadata round
   for (std::size_t i = 0; i < exposures.size(); ++i) {
     if (const double seconds = exposures[i].count(); !(seconds >= least && seconds <= most)) {
-      throw InputError(bracket.paths[i].string() +
-                       formatted(": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds) +
+      throw InputError(bracket.paths[i],
+                       formatted(": has an exposure time of %g s; give 1e-7 to 1e5 s", seconds),
                        " with --exposures");
     }
     const auto measured = std::ranges::find_if(camera.measured_times, [&](const auto& times) {
@@ -58,12 +57,12 @@ std::vector<Seconds> exposures_of(const Bracket& bracket, std::span<const Second
 /// Throws InputError where a file's noise is no noise.
 void require_sigma(const BracketFile& file, const fs::path& path) {
   if (file.sigma.empty())
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": carries no noise (sigma.R, sigma.G, sigma.B), which other files of its bracket do; "
                      "give all with sigma or none");
   for (const float sigma : file.sigma.values)
     if (std::isnan(sigma) || sigma < 0.0f)
-      throw InputError(path.string() + ": a sigma is negative or not a number; repair that sample");
+      throw InputError(path, ": a sigma is negative or not a number; repair that sample");
 }
 
 /// Images that carry the noise of each sample: the mean weighted by its inverse variance, which is kept as
@@ -115,7 +114,7 @@ Photograph merge_measured(const Bracket& bracket, double black, std::optional<do
 
 Photograph merge_float_bracket(Bracket& bracket, const BracketCamera& camera, MergeStatistics* statistics) {
   if (!camera.response.empty() && camera.response != "linear")
-    throw InputError("--response " + camera.response + ": float images are linear already; leave it out");
+    throw InputError("--response ", camera.response, ": float images are linear already; leave it out");
   LinearSensor sensor;
   sensor.black = camera.black.value_or(0.0);
   sensor.saturation = camera.saturation.value_or(sensor.saturation);
@@ -216,7 +215,7 @@ std::optional<PixelLayout> layout_of(const std::string& name) {
   if (name == "bayer") return PixelLayout::bayer_rggb;
   const auto found = std::ranges::find(layout_names, name);
   if (found == layout_names.end())
-    throw InputError("--layout: '" + name +
+    throw InputError("--layout: '", name,
                      "' is not a known layout; give grey, or a Bayer order such as bayer_rggb");
   return static_cast<PixelLayout>(found - layout_names.begin());
 }
@@ -235,14 +234,13 @@ Bracket read_bracket(const std::vector<fs::path>& paths, const BracketCamera& ca
     if (file.bits != first.bits || file.frame.layout != first.frame.layout ||
         file.frame.width != first.frame.width || file.frame.height != first.frame.height ||
         !file.linear.same_shape(first.linear))
-      throw InputError(path.string() + ": differs in size, bits or channels from " + paths.front().string() +
+      throw InputError(path, ": differs in size, bits or channels from ", paths.front(),
                        "; merge exposures of one camera and one view");
     if (camera.response.empty() && file.bits > 8 && file.response == "unknown")
-      throw InputError(path.string() + ": " + unknown_encoding + ", or give its response with --response");
+      throw InputError(path, ": ", unknown_encoding, ", or give its response with --response");
     if (camera.response.empty() && file.response != first.response)
-      throw InputError(path.string() + ": states another encoding ('" + file.response + "') than " +
-                       paths.front().string() + " ('" + first.response +
-                       "'); give the response of all with --response");
+      throw InputError(path, ": states another encoding ('", file.response, "') than ", paths.front(), " ('",
+                       first.response, "'); give the response of all with --response");
     equalise_levels(bracket.files.front(), bracket.files.back());
   }
   bracket.exposures = exposures_of(bracket, exposures, camera);
@@ -270,10 +268,10 @@ CameraCalibration bracket_calibration(const BracketCamera& camera, int bits) {
     char* end = nullptr;
     const double gamma = std::strtod(response.c_str() + 6, &end);
     if (*end != '\0' || !(gamma >= 0.1 && gamma <= 10.0))
-      throw InputError("--response " + response + ": give a gamma from 0.1 to 10, for example gamma:2.2");
+      throw InputError("--response ", response, ": give a gamma from 0.1 to 10, for example gamma:2.2");
     calibration.linear_from_dn = gamma_response(bits, gamma);
   } else {
-    throw InputError("--response " + response +
+    throw InputError("--response ", response,
                      ": is neither linear, srgb, gamma:X nor an existing calibration file");
   }
   const double full = calibration.linear_from_dn.back();

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "acquire/import/import_series.h"
 
-#include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <regex>
 
@@ -22,7 +20,7 @@ std::regex parsed(const std::string& pattern) {
   static const std::string name = "{light}";
   const auto at = pattern.find(name);
   if (at == std::string::npos || pattern.find(name, at + 1) != std::string::npos)
-    throw InputError("--names '" + pattern +
+    throw InputError("--names '", pattern,
                      "': must contain {light} exactly once, at the position of the view's name");
   std::string expression;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
@@ -46,7 +44,7 @@ std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const s
     const std::string whole = file.filename().string(), stem = file.stem().string();
     std::smatch found;
     if (!std::regex_match(whole, found, expression) && !std::regex_match(stem, found, expression))
-      throw InputError(file.string() + ": does not match --names '" + pattern +
+      throw InputError(file, ": does not match --names '", pattern,
                        "'; correct the pattern, or remove the file from the folder");
     const std::string light = found[1];
     const auto group = std::ranges::find(groups, light, &BracketGroup::name);
@@ -60,8 +58,7 @@ std::vector<BracketGroup> by_pattern(const std::vector<fs::path>& files, const s
 
 std::vector<BracketGroup> by_count(const std::vector<fs::path>& files, int count) {
   if (files.size() % static_cast<std::size_t>(count) != 0)
-    throw InputError(files.back().string() + ": " + std::to_string(files.size()) +
-                     " files do not make brackets of " + std::to_string(count) +
+    throw InputError(files.back(), ": ", files.size(), " files do not make brackets of ", count,
                      "; the last one is incomplete, or a file is missing before it");
   std::vector<BracketGroup> groups;
   for (std::size_t i = 0; i < files.size(); ++i) {
@@ -77,7 +74,7 @@ std::vector<BracketGroup> by_exposure(const std::vector<fs::path>& files,
   std::vector<double> seen;
   for (std::size_t i = 0; i < files.size(); ++i) {
     if (!exposures[i])
-      throw InputError(files[i].string() +
+      throw InputError(files[i],
                        ": does not contain its exposure time, so brackets cannot be detected; give "
                        "--bracket-size or --names, and --exposures");
     const double seconds = exposures[i]->count();
@@ -102,8 +99,8 @@ Image emitted(const ImportRequest& request, const ImportedView& view, const RunC
     return read_light_map(file, request.parameterisation, run).radiance;
   const BracketFile levels = read_bracket_file(file);
   if (levels.bits != 8 || levels.frame.layout != PixelLayout::rgb)
-    throw InputError(file.string() + ": drive levels are 8-bit RGB, as PNG holds them; this file has " +
-                     std::to_string(levels.bits) + " bits; give radiance instead (--light-content radiance)");
+    throw InputError(file, ": drive levels are 8-bit RGB, as PNG holds them; this file has ", levels.bits,
+                     " bits; give radiance instead (--light-content radiance)");
   DriveImage drive{levels.frame.width, levels.frame.height, {}};
   for (std::uint16_t level : levels.frame.samples) drive.levels.push_back(static_cast<std::uint8_t>(level));
   return emitted_above_black(drive, read_monitor_calibration(request.monitor));
@@ -169,7 +166,7 @@ Image smoothed(const Image& card, const Image& weight, int channel) {
 void divide_by_card(Photograph& photograph, const Photograph& card, double cos_angle, const Mask& mask) {
   const Image& white = card.radiance;
   if (!white.same_shape(photograph.radiance))
-    throw InputError("is " + shape_text(white) + ", the photographs are " + shape_text(photograph.radiance) +
+    throw InputError("is ", shape_text(white), ", the photographs are ", shape_text(photograph.radiance),
                      "; photograph the white card with the same camera");
   constexpr double grazing = 0.05;  // 87°
   if (!(cos_angle > grazing))
@@ -230,7 +227,7 @@ class SeriesMerger {
     try {
       merged = merge_bracket(bracket, request_.camera, &statistics);
     } catch (const InputError& error) {
-      throw InputError(paths.front().string() + ": " + error.what());
+      throw InputError(paths.front(), ": ", error.what());
     }
     require_same_size(merged.radiance, paths.front());
     if (counts) add(statistics, bracket.exposures);
@@ -257,9 +254,8 @@ class SeriesMerger {
       height_ = merged.height;
     }
     if (merged.width != width_ || merged.height != height_)
-      throw InputError(path.string() + ": is " + shape_text(merged) + ", the photographs before are " +
-                       std::to_string(width_) + "×" + std::to_string(height_) +
-                       "; give photographs of one camera");
+      throw InputError(path, ": is ", shape_text(merged), ", the photographs before are ", width_, "×",
+                       height_, "; give photographs of one camera");
   }
 
   void require_same_settings_as_first(const Bracket& bracket) {
@@ -407,7 +403,7 @@ class SessionImport {
       // The card faces the camera, which is at −Z.
       divide_by_card(observed, card, -request_.stage.sources[view.source].direction.z(), *mask_);
     } catch (const InputError& error) {
-      throw InputError(view.card.paths.front().string() + ": " + error.what());
+      throw InputError(view.card.paths.front(), ": ", error.what());
     }
   }
 
@@ -462,15 +458,14 @@ void import_photographs(const ImportRequest& request, const std::vector<Imported
   const std::string plan = plan_of(request, views);
   if (fs::exists(request.folder) && !fs::is_empty(request.folder)) {
     if (!fs::exists(plan_path))
-      throw InputError(request.folder.string() +
-                       ": holds files that are not from an import; name a new folder");
+      throw InputError(request.folder, ": holds files that are not from an import; name a new folder");
     if (request.if_exists == IfExists::refuse)
       throw InputError(
-          request.folder.string() +
+          request.folder,
           ": already contains imported photographs; --resume continues the import, --force replaces them");
     if (request.if_exists == IfExists::resume && read_text(plan_path) != plan)
       throw InputError(
-          plan_path.string() +
+          plan_path,
           ": the import was begun with other files or options; resume with the same, or use --force");
   }
   create_folders(request.folder);
@@ -589,7 +584,7 @@ MirrorBall read_ball(const std::vector<ImportedView>& views, ImportRequest& requ
     try {
       source.direction = light_direction(read(view), ball);
     } catch (const InputError& error) {
-      throw InputError(source.photograph + ": " + error.what());
+      throw InputError(source.photograph, ": ", error.what());
     }
     stage.sources.push_back(std::move(source));
     progress.advance();
@@ -616,18 +611,16 @@ std::vector<BracketGroup> group_brackets(const std::vector<fs::path>& files,
                                          const std::vector<std::optional<Seconds>>& exposures,
                                          const GroupRule& rule) {
   if (files.empty()) throw InputError("there is no photograph to import");
-  if (rule.count < 0)
-    throw InputError("--bracket-size is " + std::to_string(rule.count) + "; give 1 or more");
+  if (rule.count < 0) throw InputError("--bracket-size is ", rule.count, "; give 1 or more");
   if (!rule.pattern.empty() && rule.count > 0) throw InputError("give --names or --bracket-size, not both");
   auto groups = !rule.pattern.empty() ? by_pattern(files, rule.pattern)
                 : rule.count > 0      ? by_count(files, rule.count)
                                       : by_exposure(files, exposures);
   for (const BracketGroup& group : groups)
     if (group.paths.size() != groups.front().paths.size())
-      throw InputError(group.paths.front().string() + ": its bracket has " +
-                       std::to_string(group.paths.size()) + " exposures, the first one (" +
-                       groups.front().paths.front().string() + ") has " +
-                       std::to_string(groups.front().paths.size()) +
+      throw InputError(group.paths.front(), ": its bracket has ", group.paths.size(),
+                       " exposures, the first one (", groups.front().paths.front(), ") has ",
+                       groups.front().paths.size(),
                        "; a file is missing or stray, or the brackets need --names or --bracket-size");
   return groups;
 }

@@ -93,7 +93,7 @@ void choose_ambient(ImportRequest& request, const std::vector<BracketGroup>& gro
   auto& notes = request.stage.notes;
   if (pairing.black.empty()) {
     if (request.ambient_first)
-      throw InputError(file(0) +
+      throw InputError(file(0),
                        ": the first bracket shows a light and is not the ambient one; leave out "
                        "--ambient-first, or photograph black");
     return;
@@ -132,9 +132,8 @@ std::vector<ImportedView> with_lights_by_order(ImportRequest& request, std::vect
   const std::size_t first = request.ambient_first ? 1 : 0;
   if (!pairing.is_certain && groups.size() != lights + first)
     throw InputError(
-        std::to_string(groups.size() - first) + " brackets (the last begins with " +
-        groups.back().paths.front().string() + ") but " + std::to_string(lights) + " lights (the last is " +
-        request.lights.back().string() +
+        groups.size() - first, " brackets (the last begins with ", groups.back().paths.front(), ") but ",
+        lights, " lights (the last is ", request.lights.back(),
         "), and their brightness does not tell which belong together; give as many of each (--ambient-first "
         "takes the first bracket out), pair them by name with --names, or by time with --pair-by time");
   std::vector<ImportedView> views;
@@ -171,14 +170,14 @@ std::vector<ImportedView> with_lights_by_name(const ImportRequest& request,
     const auto light = std::ranges::find(request.lights, bracket.name,
                                          [](const fs::path& path) { return path.stem().string(); });
     if (light == request.lights.end())
-      throw InputError(bracket.paths.front().string() + ": there is no light named '" + bracket.name +
+      throw InputError(bracket.paths.front(), ": there is no light named '", bracket.name,
                        "'; add it, or pair brackets and lights by --pair-by order");
     views.push_back({bracket, bracket.name, *light, {}});
     used.insert(bracket.name);
   }
   for (const fs::path& light : request.lights)
     if (!used.contains(light.stem().string()))
-      throw InputError(light.string() + ": no bracket is named '" + light.stem().string() +
+      throw InputError(light, ": no bracket is named '", light.stem(),
                        "'; add its photographs, or take the light out of the folder");
   return views;
 }
@@ -203,9 +202,8 @@ std::optional<std::size_t> bracket_of(const std::string& photograph,
 std::vector<ImportedView> with_light_sources(LightStage& stage, const std::vector<BracketGroup>& groups) {
   const bool named = !stage.sources.front().photograph.empty();
   if (!named && groups.size() != stage.sources.size())
-    throw InputError(std::to_string(groups.size()) + " photographs (the last is " +
-                     groups.back().paths.front().string() + ") but " + std::to_string(stage.sources.size()) +
-                     " light sources in " + stage.file.string() +
+    throw InputError(groups.size(), " photographs (the last is ", groups.back().paths.front(), ") but ",
+                     stage.sources.size(), " light sources in ", stage.file,
                      "; give as many of each, or name the photographs in filenames.txt beside it");
   std::vector<ImportedView> views;
   std::vector<bool> used(groups.size(), false);
@@ -214,14 +212,12 @@ std::vector<ImportedView> with_light_sources(LightStage& stage, const std::vecto
     const std::string& name = source.photograph;
     const auto bracket = named ? bracket_of(name, groups) : i;
     if (!bracket)
-      throw InputError(stage.file.string() + ":" + std::to_string(source.line) + ": the photograph '" + name +
-                       "' is not among the " + std::to_string(groups.size()) + " given (the first is " +
-                       groups.front().paths.front().string() +
+      throw InputError(stage.file, ":", source.line, ": the photograph '", name, "' is not among the ",
+                       groups.size(), " given (the first is ", groups.front().paths.front(),
                        "); add it, or take its light source out of the list");
     if (used[*bracket])
-      throw InputError(groups[*bracket].paths.front().string() + ": belongs to two light sources of " +
-                       stage.file.string() + ", the second is '" + name +
-                       "'; give each one photograph or bracket");
+      throw InputError(groups[*bracket].paths.front(), ": belongs to two light sources of ", stage.file,
+                       ", the second is '", name, "'; give each one photograph or bracket");
     used[*bracket] = true;
     views.push_back({groups[*bracket], groups[*bracket].name, {}, {}, i});
   }
@@ -282,7 +278,7 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
     if (!request.ambient.empty())
       throw InputError("the ambient photographs are given twice: give --ambient or --ambient-first");
     if (groups.size() < 2)
-      throw InputError(groups.front().paths.front().string() +
+      throw InputError(groups.front().paths.front(),
                        ": is the only bracket; besides the ambient one there must be others");
     if (!in_order) {
       request.ambient = groups.front().paths;
@@ -298,8 +294,8 @@ std::vector<ImportedView> views_of(ImportRequest& request, const RunContext& run
   std::set<std::string> names;
   for (ImportedView& view : views) {
     if (!names.insert(view.name).second)
-      throw InputError(view.bracket.paths.front().string() + ": two photographs would be named '" +
-                       view.name + "'; rename one");
+      throw InputError(view.bracket.paths.front(), ": two photographs would be named '", view.name,
+                       "'; rename one");
     view.time = capture_time(view.bracket.paths.front());
   }
   if (const fs::path& first = views.front().bracket.paths.front(); !is_camera_raw(first))

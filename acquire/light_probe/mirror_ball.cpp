@@ -4,7 +4,6 @@
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/base/linear_algebra.h"

@@ -38,7 +38,7 @@ CalibrateOptions options_of(const CalibrateVerbOptions& given) {
     const RelativeMap flat_field = read_camera_calibration(file).flat_field,
                       uniformity = read_monitor_calibration(file).uniformity;
     if (flat_field.empty() && uniformity.empty())
-      throw InputError(file.string() +
+      throw InputError(file,
                        ": has no flat field and no uniformity; make one with 'refield acquire calibrate "
                        "--target card' or '--target screen'");
     if (!flat_field.empty()) options.flat_field = flat_field;
@@ -195,7 +195,7 @@ void print(const RigMeasurements& rig, const CalibrateVerbOptions& given) {
 void refuse_existing(const CalibrateVerbOptions& given) {
   for (const fs::path& path : {given.output, given.page})
     if (fs::exists(path))
-      throw InputError(path.string() + ": already exists; give --force to replace it, or another name");
+      throw InputError(path, ": already exists; give --force to replace it, or another name");
 }
 
 void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
@@ -222,12 +222,12 @@ void acquire_calibrate(CalibrateVerbOptions given, const Common& common) {
   else
     print(measured, given);
   if (!measured.superposition.holds())
-    throw InputError("display '" + measured.display_description.name +
-                     "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to " +
-                     std::to_string(100.0 * measured.superposition.largest_error()) +
+    throw InputError("display '", measured.display_description.name,
+                     "': light is not additive, I(A) + I(B) − I(black) differs from I(A+B) by up to ",
+                     100.0 * measured.superposition.largest_error(),
                      " %, because the display dims itself. Switch off dynamic contrast, local dimming, power "
-                     "saving and automatic brightness, then calibrate again. " +
-                     given.page.string() + " shows details");
+                     "saving and automatic brightness, then calibrate again. ",
+                     given.page, " shows details");
 }
 
 }  // namespace

@@ -130,7 +130,7 @@ void report_check(const fs::path& session, Json* figures) {
     else
       std::printf("%s", (is_good ? table.substr(0, table.find('\n') + 1) : table).c_str());
   } catch (const InputError& error) {  // the photographs are kept all the same
-    run_context().note(std::string("the photographs were not checked: ") + error.what());
+    run_context().note("the photographs were not checked: ", error.what());
   }
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire colour: a colour chart gives the matrix from the camera's channels to linear Rec.709.
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -38,14 +37,14 @@ fs::path white_photograph(const CaptureSession& session) {
       return is_white(read_illumination(frame, session.light.parameterisation, run_context()).radiance);
     });
   if (white != session.frames.end()) return white->observed;
-  throw InputError(session.folder.string() +
+  throw InputError(session.folder,
                    ": has no photograph under a white light map; give a photograph of the chart under the "
                    "white monitor with --chart");
 }
 
 Photograph chart_photograph(const fs::path& path) {
   if (path.extension() != ".exr")
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": is not an OpenEXR file; the chart must be photographed like the session, "
                      "scene-linear: convert RAW files or brackets with 'refield acquire import'");
   Photograph photograph = read_photograph(path);

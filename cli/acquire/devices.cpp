@@ -160,7 +160,7 @@ void print_remedies(const Json& devices) {
 void write_rig_file(const fs::path& file, const Common& common) {
   std::error_code error;
   if (fs::exists(fs::symlink_status(file, error)))
-    throw InputError(file.string() + ": already exists; give another name or remove the file");
+    throw InputError(file, ": already exists; give another name or remove the file");
   write_text_atomically(file, session_template());
   if (common.json) return print_json({{"rig", file.string()}});
   std::printf(

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire geometry: the monitor's placement from its reflections in a mirror ball.
-#include <algorithm>
 #include <cmath>
 
 #include "acquire/light_probe/mirror_ball.h"
@@ -32,14 +31,14 @@ std::pair<double, double> screen_of(const GeometryOptions& options, const Captur
   if (options.screen.empty()) {
     if (session.monitors.size() == 1) return {session.monitors[0].width_mm, session.monitors[0].height_mm};
     throw InputError(
-        options.session.string() +
+        options.session,
         ": does not hold the size of the screen; give its width and height in mm, such as --screen 520x320");
   }
   double width = 0.0, height = 0.0;
   int end = 0;
   if (std::sscanf(options.screen.c_str(), "%lfx%lf%n", &width, &height, &end) != 2 ||
       options.screen[static_cast<std::size_t>(end)] != '\0' || !(width > 0.0 && height > 0.0))
-    throw InputError("--screen " + options.screen +
+    throw InputError("--screen ", options.screen,
                      ": give width and height of the screen in mm, such as 520x320");
   return {width, height};
 }
@@ -58,7 +57,7 @@ std::vector<SpotFrame> spot_frames(const CaptureSession& session) {
       spots.push_back({*spot, &frame});
   if (spots.empty())
     throw InputError(
-        session.folder.string() +
+        session.folder,
         ": has no light map of a single spot; capture the ball under 'refield acquire lights --spots'");
   return spots;
 }
@@ -78,7 +77,7 @@ MirrorBall ball_of(const GeometryOptions& options, const CaptureSession& session
 void geometry(const GeometryOptions& options, const Common& common) {
   CaptureSession session = read_capture_session(options.session);
   if (session.light.parameterisation != Parameterisation::monitor)
-    throw InputError(options.session.string() + ": is not lit by a monitor");
+    throw InputError(options.session, ": is not lit by a monitor");
   const auto [width_mm, height_mm] = screen_of(options, session);
   const std::vector<SpotFrame> frames = spot_frames(session);
   const MirrorBall ball = ball_of(options, session, frames);

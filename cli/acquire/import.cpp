@@ -147,13 +147,12 @@ std::vector<BracketSamples> brackets_of(const ImportOptions& given) {
     const std::string first = bracket.paths.front().string();
     if (bracket.is_sensor || bracket.bits == 0)
       throw InputError(
-          first +
+          first,
           ": RAW and float files are proportional to light and need no curve; import them as they are");
     if (bracket.bits != brackets.front().bits)
-      throw InputError(first + ": has a different bit depth from earlier files; give files of one kind");
+      throw InputError(first, ": has a different bit depth from earlier files; give files of one kind");
     if (bracket.seconds.size() < 2)
-      throw InputError(first +
-                       ": is a single exposure; photograph each view with two or more exposure times");
+      throw InputError(first, ": is a single exposure; photograph each view with two or more exposure times");
     require_brighter_with_time(bracket, {});
   }
   return brackets;
@@ -170,7 +169,7 @@ double spread_under(const std::vector<BracketSamples>& brackets, const BracketCa
 void estimate_camera_response(const ImportOptions& given, const Common& common) {
   const fs::path& output = given.request.folder;
   if (fs::exists(output) && !common.force)
-    throw InputError(output.string() + ": already exists; give --force to replace it, or another name");
+    throw InputError(output, ": already exists; give --force to replace it, or another name");
   const OutputLock lock(output, {given.photographs.begin(), given.photographs.end()});
   const auto brackets = brackets_of(given);
   const ResponseEstimate estimate = estimate_response(brackets);
@@ -202,7 +201,7 @@ std::optional<double> number_or_auto(const std::string& text, const char* option
   char* end = nullptr;
   const double number = std::strtod(text.c_str(), &end);
   if (end == text.c_str() || *end != '\0' || !std::isfinite(number))
-    throw InputError(std::string(option) + ": '" + text + "' is not valid; give a number or auto");
+    throw InputError(option, ": '", text, "' is not valid; give a number or auto");
   return number;
 }
 

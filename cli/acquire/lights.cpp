@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // refield acquire lights: patterns of the monitor's size, made from images of any size or from a seed.
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -46,7 +45,7 @@ class PatternWriter {
     for (const std::string& name : names)
       for (const fs::path& file : {exr_of(name), png_of(name)})
         if (!options.force && !file.empty() && fs::exists(file))
-          throw InputError(file.string() + ": already exists; give --force to replace it");
+          throw InputError(file, ": already exists; give --force to replace it");
         else
           require_not_an_input(file, inputs);
     create_folders(options.output);

@@ -33,7 +33,7 @@ EulerAngles turn_from_text(const std::string& text) {
   const int count = std::sscanf((text + (text.find(',') == std::string::npos ? ",0,0;" : ";")).c_str(),
                                 "%lf,%lf,%lf%c", &turn.yaw, &turn.pitch, &turn.roll, &rest);
   if (count != 4 || rest != ';' || !std::isfinite(turn.yaw + turn.pitch + turn.roll))
-    throw InputError("--camera-turn " + text + ": give YAW or YAW,PITCH,ROLL in degrees");
+    throw InputError("--camera-turn ", text, ": give YAW or YAW,PITCH,ROLL in degrees");
   return turn;
 }
 
@@ -65,21 +65,21 @@ ProbeRequest request_of(const ProbeOptionsText& options) {
                                       {"--hide", &options.hide},
                                       {"--camera-turn", &options.camera_turn}})
     if (texts->size() > sides)
-      throw InputError(std::string(option) + " is given " + std::to_string(texts->size()) +
+      throw InputError(option, " is given ", texts->size(),
                        " times; give it once, and once more for the photographs of --join");
   request.sides.push_back(side_of(options.photographs, 0, options));
   if (sides == 2) request.sides.push_back(side_of(options.join, 1, options));
   if (!options.light_size.empty()) {
     const PictureSize size = read_picture_size(options.light_size, {8, 4}, "--light-size");
     if (size.width != 2 * size.height)
-      throw InputError("--light-size " + options.light_size + ": lat-long maps are twice as wide as high");
+      throw InputError("--light-size ", options.light_size, ": lat-long maps are twice as wide as high");
     request.unwrap.width = size.width;
   }
   request.unwrap.reflectance = MirrorReflectance::from_text(options.reflectance);
   const auto density = channel_numbers(options.density, "--neutral-density");
   for (int c = 0; c < 3; ++c) {
     if (!(density[c] >= 0.0 && density[c] <= 12.0))
-      throw InputError("--neutral-density: the optical density " + std::to_string(density[c]) +
+      throw InputError("--neutral-density: the optical density ", density[c],
                        " is out of range; give 0 to 12 (3.0 for a filter of 1:1000)");
     request.unwrap.gain[c] = std::pow(10.0, density[c]);
   }
@@ -127,8 +127,7 @@ void probe(const ProbeOptionsText& options, const Common& common) {
   else
     print(summary, request.folder);
   if (summary.kept() == 0)
-    throw InputError("all photographs were discarded; the reasons are in " +
-                     (request.folder / "probe.toml").string());
+    throw InputError("all photographs were discarded; the reasons are in ", request.folder / "probe.toml");
 }
 
 }  // namespace

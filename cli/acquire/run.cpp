@@ -214,7 +214,7 @@ std::vector<CaptureLight> with_references(const std::vector<CaptureLight>& light
 void order_lights(std::vector<CaptureLight>& lights, const std::string& order, std::uint64_t seed) {
   if (order == "given") return;
   if (order != "random" && order != "useful")
-    throw InputError("--order " + order + ": give useful, given or random");
+    throw InputError("--order ", order, ": give useful, given or random");
   const auto others = std::stable_partition(
       lights.begin(), lights.end(), [](const CaptureLight& light) { return light.role == FrameRole::train; });
   const std::vector<CaptureLight> trained(lights.begin(), others);
@@ -302,7 +302,7 @@ CaptureRequest request_of(const SessionFile& session, SessionRig& rig, bool quic
 /// at the file again shows the capture as it goes on.
 std::function<void(const Photograph&)> preview_into(const fs::path& file) {
   if (file.extension() != ".png")
-    throw InputError(file.string() + ": the preview must be a PNG file; give a name that ends in .png");
+    throw InputError(file, ": the preview must be a PNG file; give a name that ends in .png");
   return [file](const Photograph& photograph) {
     write_png(file, photograph.radiance, {exposure_to_white(photograph.radiance)});
   };
@@ -322,10 +322,10 @@ void require_scene(const RunOptions& options) {
       "make it with 'refield simulate " + options.rig.string() + " -o TRUTH' and give --truth TRUTH";
   if (options.session.empty()) throw InputError("--output is missing; give the session folder to create");
   if (options.truth.empty() && options.light.empty())
-    throw InputError("neither --truth nor --light is given; " + remedy);
+    throw InputError("neither --truth nor --light is given; ", remedy);
   if (!options.truth.empty() && !fs::is_regular_file(options.truth / transport_file_name))
-    throw InputError((options.truth / transport_file_name).string() +
-                     ": the scene's light transport is missing; " + remedy);
+    throw InputError(options.truth / transport_file_name, ": the scene's light transport is missing; ",
+                     remedy);
 }
 
 /// The rig file with what the options replace.
@@ -338,8 +338,7 @@ SessionFile session_of(const RunOptions& options) {
   if (!options.truth.empty()) {
     auto* simulated = std::get_if<VirtualCameraOptions>(&session.camera);
     if (!simulated)
-      throw InputError("--truth belongs to a simulated rig; the camera of " + options.rig.string() +
-                       " is real");
+      throw InputError("--truth belongs to a simulated rig; the camera of ", options.rig, " is real");
     simulated->truth = options.truth;
   }
   const auto replace = [](const auto& given, auto& value) {

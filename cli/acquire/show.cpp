@@ -2,7 +2,6 @@
 // refield acquire show: patterns on a monitor, for a camera that this program does not drive.
 #include <time.h>
 
-#include <algorithm>
 #include <thread>
 
 #include "acquire/calibrate/calibration.h"
@@ -36,7 +35,7 @@ Seconds duration_of(const std::string& text, const char* option) {
   const std::string unit(end);
   const double scale = unit.empty() || unit == "s" ? 1.0 : unit == "ms" ? 1e-3 : unit == "min" ? 60.0 : 0.0;
   if (end == text.c_str() || scale == 0.0 || !(number >= 0.0 && number * scale <= 86400.0))
-    throw InputError(std::string(option) + ": '" + text + "' is not a duration; give one such as 5s or 1min");
+    throw InputError(option, ": '", text, "' is not a duration; give one such as 5s or 1min");
   return Seconds(number * scale);
 }
 
@@ -45,7 +44,7 @@ int display_of(const std::string& monitor) {
   int display = 0;
   char rest = '\0';
   if (std::sscanf(monitor.c_str(), "window:%d%c", &display, &rest) != 1 || display < 0)
-    throw InputError("--monitor " + monitor +
+    throw InputError("--monitor ", monitor,
                      ": patterns are shown in a window; give window:0 for the first display of the desktop");
   return display;
 }
@@ -82,13 +81,13 @@ class Slides {
         files_(std::move(files)),
         log_(files_.front().parent_path() / times_file_name) {
     if (!options.every.empty() && every_.count() < 0.2)
-      throw InputError("--every: " + options.every + " is too short for a photograph; give 0.2s or more");
+      throw InputError("--every: ", options.every, " is too short for a photograph; give 0.2s or more");
     if (!options.from.empty()) {
       const auto start =
           std::ranges::find(files_, options.from, [](const fs::path& file) { return file.stem().string(); });
       if (start == files_.end())
-        throw InputError("--from: there is no pattern '" + options.from + "'; the first is '" +
-                         files_.front().stem().string() + "'");
+        throw InputError("--from: there is no pattern '", options.from, "'; the first is '",
+                         files_.front().stem(), "'");
       place_ = static_cast<std::size_t>(start - files_.begin());
       times_ = read_times(log_.parent_path());
     }
@@ -98,10 +97,8 @@ class Slides {
     for (const fs::path& file : files_) {
       const ImageHeader header = read_image_header(file);
       if (header.width != width_ || header.height != height_)
-        throw InputError(file.string() + ": is " + std::to_string(header.width) + "×" +
-                         std::to_string(header.height) + ", but earlier patterns are " +
-                         std::to_string(width_) + "×" + std::to_string(height_) +
-                         "; all patterns must have the same size");
+        throw InputError(file, ": is ", header.width, "×", header.height, ", but earlier patterns are ",
+                         width_, "×", height_, "; all patterns must have the same size");
     }
     monitor_ =
         std::make_unique<WindowMonitor>(WindowMonitorOptions{display_of(options.monitor), width_, height_});

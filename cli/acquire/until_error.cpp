@@ -16,7 +16,7 @@ double error_from_text(const std::string& text) {
   const std::string unit(end, text.data() + text.size());
   if (unit == "%") value /= 100.0;
   if (problem != std::errc() || (!unit.empty() && unit != "%") || !(value > 0.0 && value < 1.0))
-    throw InputError("--until-error " + text +
+    throw InputError("--until-error ", text,
                      ": give a relative error between 0 and 100 %, such as 2% or 0.02");
   return value;
 }
@@ -24,10 +24,9 @@ double error_from_text(const std::string& text) {
 UntilError::UntilError(double error, int min_images, int check_every)
     : error_(error), min_images_(min_images), check_every_(check_every), follower_(EstimateOptions()) {
   if (min_images < 10)
-    throw InputError("--min-images is " + std::to_string(min_images) +
+    throw InputError("--min-images is ", min_images,
                      "; give 10 or more, since the prediction needs that many images");
-  if (check_every < 1)
-    throw InputError("--check-every is " + std::to_string(check_every) + "; give 1 or more");
+  if (check_every < 1) throw InputError("--check-every is ", check_every, "; give 1 or more");
 }
 
 void UntilError::attach(CaptureRequest& request) {
@@ -64,8 +63,8 @@ bool UntilError::is_enough(const CaptureFrame& frame) {
   reached_ = predicted <= error_;
   const int needed = reached_ ? 0 : follower_.images_for(error_);
   run_context().note(formatted("after %d photographs: predicted error %.2f %% (target: %.2f %%)", images,
-                               100.0 * predicted, 100.0 * error_) +
-                     (needed > 0 ? formatted(", about %d photographs are needed", needed) : ""));
+                               100.0 * predicted, 100.0 * error_),
+                     needed > 0 ? formatted(", about %d photographs are needed", needed) : "");
   return reached_;
 }
 
@@ -164,8 +163,8 @@ void CaptureWatch::check(const CaptureFrame& frame) {
   for (const auto& [property, text] : findings())
     if (known_->emplace(property, text).second) news += "\n  " + text;
   if (!news.empty())
-    throw InputError("the capture stopped after " + std::to_string(frames_.size()) +
-                     " training photographs, since a check of them found:" + news +
+    throw InputError("the capture stopped after ", frames_.size(),
+                     " training photographs, since a check of them found:", news,
                      "\n  --resume continues with these photographs, --force begins again");
 }
 

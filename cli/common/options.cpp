@@ -356,8 +356,8 @@ PictureSize read_picture_size(const std::string& text, PictureSize least, const 
   char rest = '\0';
   if (std::sscanf(text.c_str(), "%dx%d%c", &size.width, &size.height, &rest) != 2 ||
       size.width < least.width || size.height < least.height || size.width > largest || size.height > largest)
-    throw InputError(option + " " + text + ": give width x height in pixels, " + std::to_string(least.width) +
-                     "x" + std::to_string(least.height) + " to 16384x16384");
+    throw InputError(option, " ", text, ": give width x height in pixels, ", least.width, "x", least.height,
+                     " to 16384x16384");
   return size;
 }
 

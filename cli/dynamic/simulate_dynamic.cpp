@@ -30,7 +30,7 @@ void check_output(const fs::path& path) {
   const std::string extension = path.extension();
   if (!path.empty() && !extension.empty() && extension != ".png" && extension != ".exr" &&
       extension != ".mp4")
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": is not a supported file type; images are written as .exr or .png, videos as .mp4");
 }
 

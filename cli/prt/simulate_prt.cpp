@@ -61,7 +61,7 @@ void simulate_prt(const PrtArguments& arguments, const Common& common) {
   figures["bytes"] = fs::file_size(arguments.output);
   figures["seconds"] = seconds;
   if (figures.contains("clusters") && figures["clusters"].get<std::uint64_t>() == 0)
-    run_context().note(arguments.scene.string() +
+    run_context().note(arguments.scene,
                        ": no light reaches any vertex, so that every picture is black; if the surfaces face "
                        "inwards, flip their normals (the winding of their faces)");
   if (common.json) return print_json(figures);
@@ -81,8 +81,7 @@ constexpr std::array harmonic_options = {"--sh-order", "--directions", "--radius
 void refuse_foreign_options(const CLI::App& verb, const std::string& method) {
   const auto refuse = [&](const char* option, const char* other) {
     if (verb.count(option) > 0)
-      throw InputError(std::string(option) + " is an option of --method " + other +
-                       "; omit it with --method " + method);
+      throw InputError(option, " is an option of --method ", other, "; omit it with --method ", method);
   };
   if (method == "sh")
     for (const char* option : cluster_options) refuse(option, "clusters");

@@ -32,8 +32,7 @@ std::string frame_name(const char* what, int frame) {
 /// The one file that is to be turned. Throws InputError naming `option` when it is not one.
 fs::path only_file(const std::vector<std::string>& patterns, const char* option) {
   const auto files = expand_globs(patterns);
-  if (files.size() != 1)
-    throw InputError(std::string("--rotate requires exactly one map; give one ") + option);
+  if (files.size() != 1) throw InputError("--rotate requires exactly one map; give one ", option);
   return files[0];
 }
 
@@ -138,12 +137,12 @@ void check_monitors(const RelightOptions& options, const Field& field) {
   const LightDomain domain = field.light_domain();
   const bool has_window = domain.parameterisation == Parameterisation::monitor;
   if (has_window && options.placements.empty() && field.monitors().empty())
-    throw InputError(options.field.string() +
+    throw InputError(options.field,
                      ": does not contain the placement of the monitor, which environment maps require; give "
                      "width x height @ distance from the scene in mm, such as --placement 520x320@600,yaw=90 "
                      "(see docs/guide/relighting.md)");
   if (!has_window && !options.placements.empty())
-    throw InputError(options.field.string() + ": has a " + std::string(name_of(domain.parameterisation)) +
+    throw InputError(options.field, ": has a ", name_of(domain.parameterisation),
                      " light map that covers all directions; remove --placement");
 }
 
@@ -209,7 +208,7 @@ std::vector<ViewCamera> cameras_of(const CameraOptions& options, const Field& fi
   if (!field.has_mesh()) {
     if (are_given(options))
       throw InputError(
-          path.string() +
+          path,
           ": was captured by a fixed camera and has no mesh, so the view cannot change; remove "
           "--camera-position, --camera-target, --vertical-fov, --size, --turntable and --show-environment");
     return {};

@@ -32,7 +32,7 @@ void require_folder_name(const fs::path& output) {
   std::ranges::transform(extension, extension.begin(), [](unsigned char c) { return std::tolower(c); });
   if (fs::is_directory(output) || std::ranges::find(extensions, extension) == extensions.end()) return;
   throw InputError(
-      output.string() +
+      output,
       ": has the name of a single image, but several images are written; give a folder or a video (.mp4)");
 }
 
@@ -50,7 +50,7 @@ std::vector<fs::path> files_of(const RelightOptions& options, const LightSeries&
     files.push_back(output);
   }
   if (fs::is_regular_file(options.output) && files.front() != options.output)
-    throw InputError(options.output.string() + ": is a file, but several images are written; give a folder");
+    throw InputError(options.output, ": is a file, but several images are written; give a folder");
   return files;
 }
 

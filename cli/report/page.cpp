@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cli/report/page.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/base/number_text.h"
@@ -100,7 +99,7 @@ double display_exposure(const Image& image, const Mask& mask) {
 
 Image error_magnitude(const Image& predicted, const Image& reference) {
   if (!predicted.same_shape(reference))
-    throw InputError("cannot compare an image of " + shape_text(predicted) + " with one of " +
+    throw InputError("cannot compare an image of ", shape_text(predicted), " with one of ",
                      shape_text(reference));
   Image magnitude(predicted.width, predicted.height, 1);
   for (std::size_t p = 0; p < magnitude.pixel_count(); ++p) {

@@ -117,8 +117,7 @@ class Chooser {
 Image kernel_density(const LightDomain& domain, std::span<const Box> boxes,
                      std::span<const std::array<float, 3>> weights) {
   if (boxes.size() != weights.size())
-    throw InputError(std::to_string(boxes.size()) + " boxes do not go with " +
-                     std::to_string(weights.size()) + " weights");
+    throw InputError(boxes.size(), " boxes do not go with ", weights.size(), " weights");
   Image density(domain.width, domain.height, 1);
   for (std::size_t k = 0; k < boxes.size(); ++k) {
     const float weight = (weights[k][0] + weights[k][1] + weights[k][2]) / 3.0f;

@@ -394,9 +394,8 @@ std::vector<ChosenPixel> asked_pixels(const ReportRequest& request, const Captur
   std::vector<ChosenPixel> pixels;
   for (const auto& [x, y] : request.pixels) {
     if (x < 0 || y < 0 || x >= session.width || y >= session.height)
-      throw InputError("--pixel " + std::to_string(x) + "," + std::to_string(y) +
-                       ": lies outside the photographs of " + text_of(session) + "; give 0 to " +
-                       std::to_string(session.width - 1) + ", 0 to " + std::to_string(session.height - 1));
+      throw InputError("--pixel ", x, ",", y, ": lies outside the photographs of ", text_of(session),
+                       "; give 0 to ", session.width - 1, ", 0 to ", session.height - 1);
     pixels.push_back({x, y, "asked for"});
   }
   return pixels;

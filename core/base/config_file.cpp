@@ -80,8 +80,8 @@ std::string unknown_name_text(const std::string& name, const std::vector<std::st
 void ConfigSection::fail(const std::string& key, const std::string& what) const {
   const toml::table& table = table_of(table_);
   const toml::node* node = table.get(key);
-  throw InputError(place(*file_, node ? *node : table) + (name_.empty() ? "" : "[" + name_ + "] ") + key +
-                   (node ? " = " + text_of(*node) : std::string()) + ": " + what);
+  throw InputError(place(*file_, node ? *node : table), name_.empty() ? "" : "[" + name_ + "] ", key,
+                   node ? " = " + text_of(*node) : std::string(), ": ", what);
 }
 
 bool ConfigSection::has(const std::string& key) const {
@@ -277,13 +277,11 @@ ConfigFile::ConfigFile(fs::path path, std::string what, std::string manual)
       manual_(std::move(manual)),
       content_(std::make_unique<Content>()) {
   if (!fs::is_regular_file(path_))
-    throw InputError(path_.string() + ": there is no such " + what_ + "; give a TOML file, " + manual_ +
-                     " describes it");
+    throw InputError(path_, ": there is no such ", what_, "; give a TOML file, ", manual_, " describes it");
   try {
     content_->root = toml::parse(read_text(path_), path_.string());
   } catch (const toml::parse_error& error) {
-    throw InputError(path_.string() + ":" + std::to_string(error.source().begin.line) +
-                     ": is not valid TOML: " + std::string(error.description()));
+    throw InputError(path_, ":", error.source().begin.line, ": is not valid TOML: ", error.description());
   }
 }
 
@@ -318,7 +316,7 @@ void ConfigFile::check_names(std::initializer_list<const char*> known) const {
   for (const auto& [key, node] : content_->root) {
     const std::string name(key.str());
     if (std::ranges::find(known, name) == known.end())
-      throw InputError(place(path_, node) + "'" + name + "' " +
+      throw InputError(place(path_, node), "'", name, "' ",
                        unknown_name_text(name, {known.begin(), known.end()}));
   }
 }
@@ -333,7 +331,7 @@ ConfigSection ConfigFile::root() const {
 
 ConfigSection ConfigFile::section(const std::string& name) const {
   if (const toml::table* table = content_->root[name].as_table()) return {path_, name, table};
-  throw InputError(path_.string() + ": lacks the table [" + name + "]; " + manual_ + " describes a " + what_);
+  throw InputError(path_, ": lacks the table [", name, "]; ", manual_, " describes a ", what_);
 }
 
 ConfigSection ConfigFile::optional_section(const std::string& name) const {
@@ -343,7 +341,7 @@ ConfigSection ConfigFile::optional_section(const std::string& name) const {
 std::vector<ConfigSection> ConfigFile::sections(const std::string& name) const {
   const toml::array* array = content_->root[name].as_array();
   if (!array || array->empty() || !array->is_array_of_tables())
-    throw InputError(path_.string() + ": lacks any [[" + name + "]]; " + manual_ + " describes a " + what_);
+    throw InputError(path_, ": lacks any [[", name, "]]; ", manual_, " describes a ", what_);
   std::vector<ConfigSection> result;
   for (const toml::node& node : *array) result.push_back({path_, name, node.as_table()});
   return result;
@@ -354,8 +352,7 @@ void ConfigFile::whole_number(const std::string& key, std::uint64_t& value) cons
   if (!node) return;
   const auto read = node->value_exact<std::int64_t>();
   if (!read || *read < 0)
-    throw InputError(place(path_, *node) + key + " = " + text_of(*node) +
-                     ": give a whole number of at least 0");
+    throw InputError(place(path_, *node), key, " = ", text_of(*node), ": give a whole number of at least 0");
   value = static_cast<std::uint64_t>(*read);
 }
 

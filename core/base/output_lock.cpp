@@ -72,8 +72,8 @@ Outcome lock(int descriptor, const fs::path& file, const fs::path& output) {
   if (::flock(descriptor, LOCK_EX | LOCK_NB) != 0) {
     if (errno != EWOULDBLOCK) return Outcome::unsupported;
     const long process = holder_of(held);
-    throw InputError(output.string() + ": another run" +
-                     (process > 0 ? " (process " + std::to_string(process) + ")" : std::string()) +
+    throw InputError(output, ": another run",
+                     process > 0 ? " (process " + std::to_string(process) + ")" : std::string(),
                      " writes this output; wait for it, stop it, or give another output");
   }
   if (file.empty()) return Outcome::locked;
@@ -117,9 +117,8 @@ void require_not_an_input(const fs::path& output, const std::vector<fs::path>& i
     const bool folder = fs::is_directory(input, error);
     for (const fs::path& file : files_of(input))
       if (fs::equivalent(file, output, error))
-        throw InputError(output.string() + ": is also an input" +
-                         (folder ? ", a file of " + input.string() : std::string()) +
-                         "; give another output");
+        throw InputError(output, ": is also an input",
+                         folder ? ", a file of " + input.string() : std::string(), "; give another output");
   }
 }
 
@@ -131,7 +130,7 @@ void require_outside(const fs::path& folder, const std::vector<fs::path>& inputs
       for (fs::path above = fs::canonical(file, error).parent_path(); !error && above.has_relative_path();
            above = above.parent_path())
         if (fs::equivalent(above, folder, error))
-          throw InputError(file.string() + ": is an input in the output folder " + folder.string() +
+          throw InputError(file, ": is an input in the output folder ", folder,
                            ", whose content is to be replaced; give another output folder");
 }
 
@@ -139,13 +138,12 @@ OutputLock::OutputLock(const fs::path& given, const std::vector<fs::path>& input
                        const std::string& extension) {
   if (given.empty()) throw InputError("the output has no name; give one");
   if (!extension.empty() && given.extension() != extension)
-    throw InputError(given.string() + ": the output is a file of the kind " + extension +
-                     "; give a name that ends in " + extension);
+    throw InputError(given, ": the output is a file of the kind ", extension, "; give a name that ends in ",
+                     extension);
   require_not_an_input(given, inputs);
   // Throws for names that the system refuses, before hours of work rather than after them.
   const bool is_folder = fs::is_directory(given);
-  if (is_folder && !extension.empty())
-    throw InputError(given.string() + ": is a folder; give the name of a file");
+  if (is_folder && !extension.empty()) throw InputError(given, ": is a folder; give the name of a file");
   fs::path output = fs::absolute(given).lexically_normal();
   if (!output.has_filename()) output = output.parent_path();
   create_folders(output.parent_path());

@@ -10,9 +10,7 @@ namespace refield {
 namespace {
 
 void require_pixel(std::size_t pixel, std::size_t pixels) {
-  if (pixel >= pixels)
-    throw InputError("the field has " + std::to_string(pixels) + " pixels; there is no pixel " +
-                     std::to_string(pixel));
+  if (pixel >= pixels) throw InputError("the field has ", pixels, " pixels; there is no pixel ", pixel);
 }
 
 std::optional<std::uint32_t> hat_of(const LightBasis& basis, std::uint32_t kernel) {

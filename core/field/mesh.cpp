@@ -44,10 +44,9 @@ std::optional<Eigen::Vector2f> PinholeCamera::image_point(const Eigen::Vector3f&
 
 void PinholeCamera::check() const {
   if (width <= 0 || height <= 0)
-    throw InputError("the camera's image is " + std::to_string(width) + "×" + std::to_string(height) +
-                     " pixels; give a size above zero");
+    throw InputError("the camera's image is ", width, "×", height, " pixels; give a size above zero");
   if (!(vertical_field_of_view_degrees > 0.0f && vertical_field_of_view_degrees < 180.0f))
-    throw InputError("the camera's field of view is " + std::to_string(vertical_field_of_view_degrees) +
+    throw InputError("the camera's field of view is ", vertical_field_of_view_degrees,
                      " degrees; give one between 0 and 180");
   const Eigen::Vector3f ahead = target - position;
   const float sine = up.cross(ahead).norm();

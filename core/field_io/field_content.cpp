@@ -488,10 +488,9 @@ FieldFile open_field(const fs::path& path, const RunContext& run) {
   file.part = format == part_format_name;
   file.version = file.values.number("version");
   if (file.version != reflectance_field_version && (file.version != packed_field_version || file.part))
-    throw FormatError(path, "has format version " + std::to_string(file.version) +
-                                ", this program reads version " + std::to_string(reflectance_field_version) +
-                                " and packed " + std::to_string(packed_field_version) +
-                                "; use the matching refield or estimate the field again");
+    throw FormatError(path, "has format version ", file.version, ", this program reads version ",
+                      reflectance_field_version, " and packed ", packed_field_version,
+                      "; use the matching refield or estimate the field again");
   return file;
 }
 

@@ -45,7 +45,7 @@ PixelGrid FieldSampler::whole_image(std::int64_t max_pixels) const {
 
 ReflectanceField FieldSampler::read(const PixelGrid& grid, const RunContext& run) const {
   if (grid.stride < 1 || !grid.region.inside(outline_.width, outline_.height))
-    throw InputError(values_.path.string() + ": pixels outside the image were requested");
+    throw InputError(values_.path, ": pixels outside the image were requested");
   ReflectanceField field{outline_, {}};
   field.width = grid.width();
   field.height = grid.height();

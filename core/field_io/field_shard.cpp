@@ -26,11 +26,11 @@ void require_same_job(const Outline& one, const Outline& other) {
   if (a.width != b.width || one.part.image_height != other.part.image_height ||
       a.basis.domain != b.basis.domain || a.basis.hats != b.basis.hats || a.monitors != b.monitors ||
       a.observed_light != b.observed_light)
-    throw InputError(names +
+    throw InputError(names,
                      "are shards of captures with different image sizes, light maps or monitor placements; "
                      "merge shards of one capture");
   if (one.part.job != other.part.job || a.provenance != b.provenance)
-    throw InputError(names +
+    throw InputError(names,
                      "were estimated from different captures, with different options or by different "
                      "versions ('refield info' shows both); estimate the differing shard again");
 }
@@ -39,9 +39,8 @@ void require_same_job(const Outline& one, const Outline& other) {
 void require_whole(const std::vector<Outline>& parts) {
   const int height = parts.front().part.image_height;
   const auto missing = [&](int first, int last, const std::string& where) {
-    throw InputError(where + ": " + rows_text(first, last) + " of " + std::to_string(height) +
-                     " are missing; estimate them with --rows " + std::to_string(first) + ":" +
-                     std::to_string(last));
+    throw InputError(where, ": ", rows_text(first, last), " of ", height,
+                     " are missing; estimate them with --rows ", first, ":", last);
   };
   int next = 0;
   for (std::size_t i = 0; i < parts.size(); ++i) {
@@ -51,8 +50,8 @@ void require_whole(const std::vector<Outline>& parts) {
               i == 0 ? "before " + parts[i].path.string()
                      : "between " + parts[i - 1].path.string() + " and " + parts[i].path.string());
     if (rows.first < next)
-      throw InputError(parts[i - 1].path.string() + " and " + parts[i].path.string() + ": both hold " +
-                       rows_text(rows.first, std::min(next, rows.last)) + "; remove one of them");
+      throw InputError(parts[i - 1].path, " and ", parts[i].path, ": both hold ",
+                       rows_text(rows.first, std::min(next, rows.last)), "; remove one of them");
     next = rows.last;
   }
   if (next < height) missing(next, height, "after " + parts.back().path.string());

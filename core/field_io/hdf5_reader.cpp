@@ -62,7 +62,7 @@ std::string named(const char* name, const char* what) {
 }  // namespace
 
 void Hdf5Values::fail(const std::string& what) const {
-  throw FormatError(path, what + "; the file is damaged or was not written by refield: make it again");
+  throw FormatError(path, what, "; the file is damaged or was not written by refield: make it again");
 }
 
 const Hdf5DataSet& Hdf5Values::locate(const char* name, const char* type, std::size_t columns) const {
@@ -70,9 +70,8 @@ const Hdf5DataSet& Hdf5Values::locate(const char* name, const char* type, std::s
   const Hdf5DataSet& set = outline.data_sets.at(name);
   if ((set.shape.size() > 1 ? set.shape[1] : 1) != columns) fail(named(name, "has the wrong shape"));
   if (set.type != type)
-    throw FormatError(path, named(name, "holds ") + (set.type.empty() ? "another type" : set.type) +
-                                " where " + type +
-                                " is expected (docs/reference/reflectance-field-format.md); convert it");
+    throw FormatError(path, named(name, "holds "), set.type.empty() ? "another type" : set.type, " where ",
+                      type, " is expected (docs/reference/reflectance-field-format.md); convert it");
   // A header may promise more than the file holds.
   const auto value_bytes = static_cast<std::uint64_t>(type[1] - '0');
   const std::uint64_t held = fs::file_size(path), rows = set.shape[0], bytes = rows * columns * value_bytes;

@@ -75,7 +75,7 @@ FieldPart read_part(const fs::path& path, bool with_content, const RunContext& r
   const FieldFile file = open_field(path, run);
   const Hdf5Values& values = file.values;
   if (!file.part)
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": is a complete field, not a shard; give files written by 'refield estimate --rows'");
   FieldPart part;
   part.field = {read_outline(values), {}};
@@ -97,9 +97,8 @@ FieldFile open_whole_field(const fs::path& path, const RunContext& run) {
   FieldFile file = open_field(path, run);
   if (!file.part) return file;
   const Hdf5Values& values = file.values;
-  throw InputError(path.string() + ": holds rows " + std::to_string(values.number("first_row")) + " to " +
-                   std::to_string(values.number("last_row") - 1) + " of a field of " +
-                   std::to_string(values.number("height")) +
+  throw InputError(path, ": holds rows ", values.number("first_row"), " to ", values.number("last_row") - 1,
+                   " of a field of ", values.number("height"),
                    " rows; merge all shards with 'refield merge SHARDS -o WHOLE.rfield' and give the result");
 }
 
@@ -129,7 +128,7 @@ ReflectanceField read_reflectance_field(const fs::path& path, const RunContext& 
 ReflectanceField read_image_field(const fs::path& path, const RunContext& run) {
   ReflectanceField field = read_reflectance_field(path, run);
   if (field.mesh)
-    throw InputError(path.string() +
+    throw InputError(path,
                      ": is a mesh field, but an image field is required; use 'refield relight' or 'refield "
                      "view' for mesh fields");
   return field;

@@ -195,8 +195,8 @@ PromisedImage promised_by(const Imf::Header& header, const fs::path& path) {
       throw FormatError(path, "has sub-sampled channels (luminance and chroma); export it as RGB");
     const std::string name = channel.name(), last = name.substr(name.rfind('.') + 1);
     if (type == Imf::UINT && (last == "R" || last == "G" || last == "B" || last == "Y"))
-      throw FormatError(path,
-                        "stores '" + name + "' as whole numbers (uint), not as light; export half or float");
+      throw FormatError(path, "stores '", name,
+                        "' as whole numbers (uint), not as light; export half or float");
   }
   if (Imf::hasChromaticities(header)) {
     const Imf::Chromaticities& stated = Imf::chromaticities(header);
@@ -240,8 +240,8 @@ void require_possible_attributes(FileBytes& file, std::uint64_t at, const fs::pa
     const bool is_preview = type == "preview";
     const std::uint64_t pixels = is_preview ? file.number(at, 4, false) * file.number(at + 4, 4, false) : 0;
     if (at > file.size() || size > file.size() - at || (is_preview && size != 8 + 4 * pixels))
-      throw FormatError(
-          path, "has an attribute '" + name + "' of impossible size; the file is damaged or truncated");
+      throw FormatError(path, "has an attribute '", name,
+                        "' of impossible size; the file is damaged or truncated");
     at += size;
   }
 }
@@ -267,13 +267,12 @@ std::vector<PromisedImage> read_exr_headers(const fs::path& path) {
       parts.push_back(promised_by(header, path));
       if (!Imf::isMultiPart(version)) return parts;
       if (parts.size() > max_parts)
-        throw FormatError(path, "has more than " + std::to_string(max_parts) + " parts; the file is damaged");
+        throw FormatError(path, "has more than ", max_parts, " parts; the file is damaged");
     }
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {
-    throw FormatError(
-        path, "has a damaged header (" + std::string(error.what()) + "); check that the file is complete");
+    throw FormatError(path, "has a damaged header (", error.what(), "); check that the file is complete");
   }
 }
 

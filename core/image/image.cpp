@@ -25,8 +25,8 @@ void require_finite(const Image& image, const std::string& name, bool allow_nega
     const float value = image.values[i];
     if (std::isfinite(value) && (allow_negative || value >= 0.0f)) continue;
     const std::size_t pixel = i / image.channels;
-    throw InputError(name + ": pixel (" + std::to_string(pixel % image.width) + ", " +
-                     std::to_string(pixel / image.width) + ") is " + std::to_string(value) + "; " + remedy);
+    throw InputError(name, ": pixel (", pixel % image.width, ", ", pixel / image.width, ") is ", value, "; ",
+                     remedy);
   }
 }
 
@@ -74,8 +74,8 @@ Image resample(const Image& image, const std::vector<Span>& columns, const std::
 
 void check(const Image& image, int width, int height) {
   if (image.empty() || width < 1 || height < 1)
-    throw InputError("cannot resample an image of " + shape_text(image) + " to " + std::to_string(width) +
-                     "×" + std::to_string(height) + "; sizes must be 1 or more");
+    throw InputError("cannot resample an image of ", shape_text(image), " to ", width, "×", height,
+                     "; sizes must be 1 or more");
 }
 
 }  // namespace

@@ -71,8 +71,7 @@ PromisedImage read_jpeg_header(FileBytes& file, const fs::path& path) {
            scan = rest.find("\xff\xda", scan + 2))
         ++scans;
       if (scans > max_jpeg_scans)
-        throw FormatError(path, "has more than " + std::to_string(max_jpeg_scans) +
-                                    " scans; the file is damaged or truncated");
+        throw FormatError(path, "has more than ", max_jpeg_scans, " scans; the file is damaged or truncated");
       const auto value = [&](std::uint64_t from, int bytes) {
         return static_cast<std::int64_t>(file.number(at + from, bytes, true));
       };
@@ -117,16 +116,16 @@ void require_plausible(const PromisedImage& promised, const fs::path& path) {
   const std::string size = std::to_string(promised.width) + "×" + std::to_string(promised.height);
   if (promised.width <= 0 || promised.height <= 0 || promised.width > max_side_px ||
       promised.height > max_side_px)
-    throw FormatError(path, "has impossible dimensions " + size + "; the file is damaged");
+    throw FormatError(path, "has impossible dimensions ", size, "; the file is damaged");
   if (promised.channels < 1 || promised.channels > max_channels)
-    throw FormatError(path, "has " + std::to_string(promised.channels) + " channels, more than " +
-                                std::to_string(max_channels) + " or none; the file is damaged");
+    throw FormatError(path, "has ", promised.channels, " channels, more than ", max_channels,
+                      " or none; the file is damaged");
   const std::int64_t pixels = std::max(promised.width * promised.height, promised.tile_pixels);
   const std::uint64_t bytes = static_cast<std::uint64_t>(pixels) * promised.channels * sizeof(float);
   const std::uint64_t held = fs::file_size(path);
   if (promised.least_bytes > held || (bytes > always_allowed_bytes && bytes / max_compression > held))
-    throw FormatError(path, "is too small for the " + size +
-                                " pixels that its header promises; the file is damaged or truncated");
+    throw FormatError(path, "is too small for the ", size,
+                      " pixels that its header promises; the file is damaged or truncated");
 }
 
 void check_image_header(const fs::path& path, ImageFormat format) {

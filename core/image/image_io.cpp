@@ -4,13 +4,13 @@
 #include <png.h>
 
 #include <cmath>
-#include <limits>
 #include <map>
 #include <new>
 #include <numbers>
 #include <set>
 
 #include "core/base/files.h"
+#include "core/base/number_text.h"
 #include "core/image/image_facts.h"
 #include "core/image/image_file.h"
 #include "core/image/image_header.h"
@@ -21,7 +21,7 @@ namespace refield {
 namespace {
 
 [[noreturn]] void fail_to_open(const fs::path& path, const std::string& why) {
-  throw FormatError(path, "cannot be read as an image (" + why + "); check that the file is complete");
+  throw FormatError(path, "cannot be read as an image (", why, "); check that the file is complete");
 }
 
 /// The one decoder that the content asks for: OpenImageIO itself would try all of its decoders on a file that
@@ -93,18 +93,18 @@ std::string joined(const std::vector<std::string>& names) {
 /// Throws FormatError unless the file says clearly which channels are the image.
 std::array<int, 3> colour_channels(const StoredImage& stored, bool is_exr, const fs::path& path) {
   if (!is_exr && stored.channels.size() > 4)
-    throw FormatError(path, "has " + std::to_string(stored.channels.size()) +
-                                " channels, of which none is named; export red, green and blue alone");
+    throw FormatError(path, "has ", stored.channels.size(),
+                      " channels, of which none is named; export red, green and blue alone");
   const auto layers = colour_layers(stored);
   if (layers.size() == 1) return layers.front().channels;
   if (!is_exr && stored.channels.size() <= 2) return {0, 0, 0};  // grey, perhaps with alpha, however named
   if (layers.empty())
-    throw FormatError(path, "has no colour: its channels are " + joined(stored.channels) +
-                                "; an image needs R, G and B, or Y for grey");
+    throw FormatError(path, "has no colour: its channels are ", joined(stored.channels),
+                      "; an image needs R, G and B, or Y for grey");
   std::vector<std::string> names;
   for (const ColourLayer& layer : layers) names.push_back("'" + layer.name + "'");
-  throw FormatError(path, "has several layers, and none is the image without a name: " + joined(names) +
-                              "; export one of them alone");
+  throw FormatError(path, "has several layers, and none is the image without a name: ", joined(names),
+                    "; export one of them alone");
 }
 
 /// An image file whose pixels are placed as its header says: an EXR file stores those of its data window,
@@ -130,8 +130,8 @@ void choose_part(ImageFile& file, const fs::path& path) {
     if (!colour_layers(file.stored()).empty()) with_colour.push_back(part);
   }
   if (with_colour.size() == 1 && file.select_part(with_colour.front())) return;
-  throw FormatError(path, "has several parts, and which is the image is not clear: " + joined(names) +
-                              "; export one of them alone");
+  throw FormatError(path, "has several parts, and which is the image is not clear: ", joined(names),
+                    "; export one of them alone");
 }
 
 /// Sets the size of the image and the place of the stored pixels in it.
@@ -147,18 +147,16 @@ void place_data_window(PlacedFile& file, const fs::path& path) {
                      top = std::int64_t{stored.top} - stored.image_top;
   if (left >= stored.image_width || top >= stored.image_height || left + stored.width <= 0 ||
       top + stored.height <= 0)
-    throw FormatError(path, "stores no pixel of its display window of " +
-                                text(stored.image_width, stored.image_height) +
-                                "; export it with that window");
+    throw FormatError(path, "stores no pixel of its display window of ",
+                      text(stored.image_width, stored.image_height), "; export it with that window");
   // Pixels outside of the data window are zero and take no space in the file, but in memory.
   constexpr std::int64_t always_allowed = 1 << 24, max_side = 1 << 16, max_ratio = 64;
   const std::int64_t pixels = std::int64_t{stored.image_width} * stored.image_height;
   const std::int64_t stored_pixels = std::int64_t{stored.width} * stored.height;
   if (stored.image_width > max_side || stored.image_height > max_side ||
       (pixels > always_allowed && pixels / max_ratio > stored_pixels))
-    throw FormatError(path, "stores " + text(stored.width, stored.height) +
-                                " pixels of a display window of " +
-                                text(stored.image_width, stored.image_height) + "; crop that window");
+    throw FormatError(path, "stores ", text(stored.width, stored.height), " pixels of a display window of ",
+                      text(stored.image_width, stored.image_height), "; crop that window");
   file.width = stored.image_width;
   file.height = stored.image_height;
   file.left = static_cast<int>(left);
@@ -214,9 +212,8 @@ Image read_rows(PlacedFile& file, const fs::path& path, int first, int last, std
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception& error) {
-    throw FormatError(path, "cannot read rows " + std::to_string(stored_first) + " to " +
-                                std::to_string(stored_last) + " (" + error.what() +
-                                "); the file is damaged or truncated: copy or capture it again");
+    throw FormatError(path, "cannot read rows ", stored_first, " to ", stored_last, " (", error.what(),
+                      "); the file is damaged or truncated: copy or capture it again");
   }
   if (file.left == 0 && file.width == stored.width && rows.height == last - first) return rows;
   Image image(file.width, last - first, count);
@@ -255,8 +252,8 @@ void write_channels(const fs::path& path, int width, int height, const std::vect
     try {
       write_exr_channels(temporary, width, height, names, values, precision == Precision::half, xy);
     } catch (const std::exception& error) {
-      throw DeviceError(path.string(), errno != 0 ? errno : EIO,
-                        "cannot write the image (" + std::string(error.what()) + ")");
+      throw DeviceError(path.string(), errno != 0 ? errno : EIO, "cannot write the image (", error.what(),
+                        ")");
     }
   });
 }
@@ -318,8 +315,7 @@ Image read_image(const fs::path& path, ImageUse use) {
 Photograph read_photograph_rows(const fs::path& path, int first, int last) {
   const auto require_rows = [&](int height) {
     if (first < 0 || last > height || first >= last)
-      throw InputError(path.string() + ": has no rows " + std::to_string(first) + " to " +
-                       std::to_string(last));
+      throw InputError(path, ": has no rows ", first, " to ", last);
   };
   const auto rows_of = [&](const Image& whole) {  // these formats store no noise
     require_rows(whole.height);
@@ -377,8 +373,8 @@ void note_of_map(const RunContext& run, const fs::path& path, const std::string&
   std::set<fs::path>& paths = reported[kind];
   if (paths.size() > max_reports || !paths.insert(path).second) return;
   if (paths.size() > max_reports)
-    return run.note("more light maps " + kind + "; they are treated in the same way");
-  run.note(path.string() + ": " + text);
+    return run.note("more light maps ", kind, "; they are treated in the same way");
+  run.note(path, ": ", text);
 }
 
 /// Negative texels of a light map: lossy compression leaves some around bright lights, other software many.
@@ -438,24 +434,17 @@ class NegativeTexels {
   }
 
   std::string percent(double share) const {
-    char text[32];
-    std::snprintf(text, sizeof text, share < 0.1 ? "%.2g %%" : "%.3g %%", 100.0 * share);
-    return text;
+    return formatted(share < 0.1 ? "%.2g %%" : "%.3g %%", 100.0 * share);
   }
   double share_of_texels(std::size_t texels) const {
     return static_cast<double>(texels) / static_cast<double>(image_.pixel_count());
   }
-  std::string lowest_text() const {
-    char text[32];
-    std::snprintf(text, sizeof text, "%.4g", lowest(worst_));
-    return text;
-  }
+  std::string lowest_text() const { return formatted("%.4g", lowest(worst_)); }
 
   void require_few() const {
     if (!is_mostly_negative_ && share_of_texels(strong_texels_) <= max_strong_texels) return;
-    throw InputError(path_.string() + ": texel (" + std::to_string(worst_ % image_.width) + ", " +
-                     std::to_string(worst_ / image_.width) + ") is " + lowest_text() + ", and " +
-                     percent(share_of_texels(texels_)) +
+    throw InputError(path_, ": texel (", worst_ % image_.width, ", ", worst_ / image_.width, ") is ",
+                     lowest_text(), ", and ", percent(share_of_texels(texels_)),
                      " of the texels are negative, more than lossy compression explains; radiance must not "
                      "be negative: export the light map again");
   }
@@ -544,9 +533,7 @@ void treat_primaries(const Chromaticities& stated, Primaries primaries, Image& l
   if (are_of_rec709(stated)) return;
   std::string text = "its primaries are not those of Rec.709 (x, y of red, green, blue, white:";
   for (const Eigen::Vector2d& xy : stated) {
-    char digits[48];
-    std::snprintf(digits, sizeof digits, " %.4g, %.4g;", xy.x(), xy.y());
-    text += digits;
+    text += formatted(" %.4g, %.4g;", xy.x(), xy.y());
   }
   text.back() = ')';
   if (primaries == Primaries::as_stored)
@@ -563,11 +550,12 @@ void treat_primaries(const Chromaticities& stated, Primaries primaries, Image& l
       value = 0.0f;
       ++outside;
     }
-  char share[64];
-  std::snprintf(share, sizeof share, " (%.2g %% of the values, outside of that gamut, became zero)",
-                100.0 * static_cast<double>(outside) / static_cast<double>(light.values.size()));
   note_of_map(run, path, "were converted to the primaries of Rec.709",
-              text + "; it is converted to linear Rec.709" + (outside > 0 ? share : ""));
+              text + "; it is converted to linear Rec.709" +
+                  (outside > 0 ? formatted(" (%.2g %% of the values, outside of that gamut, became zero)",
+                                           100.0 * static_cast<double>(outside) /
+                                               static_cast<double>(light.values.size()))
+                               : ""));
 }
 
 }  // namespace
@@ -584,9 +572,9 @@ LightMap read_light_map(const fs::path& path, Parameterisation parameterisation,
   if (facts.response == "unknown") throw FormatError(path, unknown_encoding);
   if (facts.is_cube && parameterisation != Parameterisation::monitor &&
       *facts.is_cube != (parameterisation == Parameterisation::cube))
-    throw InputError(path.string() + ": its attribute envmap says that it is a " +
-                     (*facts.is_cube ? "cube" : "lat-long") + " map, which contradicts its use as a " +
-                     std::string(name_of(parameterisation)) + " map of " + shape_text(light.radiance));
+    throw InputError(path, ": its attribute envmap says that it is a ", *facts.is_cube ? "cube" : "lat-long",
+                     " map, which contradicts its use as a ", name_of(parameterisation), " map of ",
+                     shape_text(light.radiance));
   if (facts.is_cube.value_or(false) && parameterisation == Parameterisation::cube)
     light.radiance = from_openexr_cube(light.radiance);
   repair_light_map(light, path, run);
@@ -639,7 +627,7 @@ std::vector<std::uint8_t> encode_png(const ScreenImage& image) {
   std::vector<std::uint8_t> file(PNG_IMAGE_PNG_SIZE_MAX(header));
   png_alloc_size_t size = file.size();
   if (png_image_write_to_memory(&header, file.data(), &size, 0, image.levels.data(), 0, nullptr) == 0)
-    throw InputError("cannot encode a PNG: " + std::string(header.message));
+    throw InputError("cannot encode a PNG: ", header.message);
   file.resize(size);
   return file;
 }

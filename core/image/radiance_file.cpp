@@ -50,10 +50,10 @@ RadianceHeader header_of(const std::string& bytes, const fs::path& path) {
       const std::string kind = line.substr(std::min(line.find_first_not_of(" \t", 7), line.size()));
       header.is_xyz = kind.starts_with("32-bit_rle_xyze");
       if (!header.is_xyz && !kind.starts_with("32-bit_rle_rgbe"))
-        throw FormatError(path, "has pixels of the kind '" + kind + "'; convert it to OpenEXR");
+        throw FormatError(path, "has pixels of the kind '", kind, "'; convert it to OpenEXR");
     } else if (std::sscanf(text, "GAMMA=%lf", &v[0]) == 1 && v[0] != 1.0) {
-      throw FormatError(path,
-                        "states '" + line + "', pixels that are not linear; convert it to linear OpenEXR");
+      throw FormatError(path, "states '", line,
+                        "', pixels that are not linear; convert it to linear OpenEXR");
     } else if (std::sscanf(text, "EXPOSURE=%lf", &v[0]) == 1) {
       for (double& divisor : header.divisor) divisor *= v[0];
     } else if (std::sscanf(text, "COLORCORR=%lf %lf %lf", &v[0], &v[1], &v[2]) == 3) {
@@ -65,7 +65,7 @@ RadianceHeader header_of(const std::string& bytes, const fs::path& path) {
     }
     for (const double divisor : header.divisor)
       if (!(divisor > 0.0) || !std::isfinite(divisor))
-        throw FormatError(path, "states '" + line + "', which is not above zero; correct its header");
+        throw FormatError(path, "states '", line, "', which is not above zero; correct its header");
   }
 }
 

@@ -3,13 +3,11 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
-#include <limits>
 
+#include "core/base/number_text.h"
 #include "core/image/tone_vectors.h"
 
 namespace refield {
@@ -116,7 +114,7 @@ std::vector<std::uint8_t> tone_mapped(const Image& image, const ToneMapping& map
 
 void tone_map_rgba(const Image& image, const LevelTable& table, std::span<std::uint8_t> rgba) {
   if (image.channels != 3 || rgba.size() != 4 * image.pixel_count())
-    throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
+    throw InputError("an image of ", shape_text(image), " does not fill ", rgba.size(),
                      " bytes of RGBA; it needs 3 channels and 4 bytes per pixel");
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, image.pixel_count(), 8192), [&](const auto& range) {
     tone_map_pixels(table.cells(), image.values.data() + 3 * range.begin(), range.size(),
@@ -138,9 +136,7 @@ float brightest_channel(const Image& image, std::size_t pixel) {
 /// The largest number of three decimal digits that is not above `value`.
 double rounded_down(double value) {
   const double digit = std::pow(10.0, std::floor(std::log10(value)) - 2.0);
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", digit * std::floor(value / digit));
-  return std::strtod(text, nullptr);
+  return std::strtod(formatted("%.3g", digit * std::floor(value / digit)).c_str(), nullptr);
 }
 
 }  // namespace
@@ -219,7 +215,7 @@ LevelTable stop_levels(double low, double high) {
 
 void false_colour_rgba(const Image& image, const LevelTable& levels, std::span<std::uint8_t> rgba) {
   if ((image.channels != 1 && image.channels != 3) || rgba.size() != 4 * image.pixel_count())
-    throw InputError("an image of " + shape_text(image) + " does not fill " + std::to_string(rgba.size()) +
+    throw InputError("an image of ", shape_text(image), " does not fill ", rgba.size(),
                      " bytes of RGBA; it needs 1 or 3 channels and 4 bytes per pixel");
   std::array<std::array<std::uint8_t, 4>, 256> colours;
   for (int level = 0; level < 256; ++level) {

@@ -20,7 +20,7 @@ double angle_up_to(double u, double v) {
 Image from_openexr_cube(const Image& stored) {
   const int resolution = stored.width, last = resolution - 1;
   if (stored.height != cube_faces * resolution)
-    throw InputError("a cube map of OpenEXR has six square faces, one above the other, not " +
+    throw InputError("a cube map of OpenEXR has six square faces, one above the other, not ",
                      shape_text(stored));
   Image cube(stored.width, stored.height, stored.channels);
   for (int y = 0; y < cube.height; ++y)

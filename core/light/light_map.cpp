@@ -19,17 +19,16 @@ std::string_view v0_2::name_of(Parameterisation parameterisation) {
 Parameterisation v0_2::parameterisation_from_name(std::string_view name) {
   for (auto p : {Parameterisation::monitor, Parameterisation::lat_long, Parameterisation::cube})
     if (name == name_of(p)) return p;
-  throw InputError("unknown light map parameterisation '" + std::string(name) +
-                   "'; use monitor, lat_long or cube");
+  throw InputError("unknown light map parameterisation '", name, "'; use monitor, lat_long or cube");
 }
 
 void require_domain(const LightMapView& light, const LightDomain& domain) {
   const LightDomain given = light.domain();
   if (given != domain)
-    throw InputError("the light map is " + std::to_string(given.width) + "×" + std::to_string(given.height) +
-                     " (" + std::string(name_of(given.parameterisation)) + "), the field expects " +
-                     std::to_string(domain.width) + "×" + std::to_string(domain.height) + " (" +
-                     std::string(name_of(domain.parameterisation)) + "); resample the map to that size");
+    throw InputError("the light map is ", given.width, "×", given.height, " (",
+                     name_of(given.parameterisation), "), the field expects ", domain.width, "×",
+                     domain.height, " (", name_of(domain.parameterisation),
+                     "); resample the map to that size");
 }
 
 Eigen::Vector3d lat_long_direction(double column, double row, int width, int height) {
@@ -117,7 +116,7 @@ Eigen::Matrix3d cube_face_axes(int face) {
       axes << -1, 0, 0, 0, 1, 0, 0, 0, -1;
       return axes;
     default:
-      throw InputError("a cube has no face " + std::to_string(face) + "; faces are 0 to 5");
+      throw InputError("a cube has no face ", face, "; faces are 0 to 5");
   }
 }
 

@@ -3,11 +3,10 @@
 
 #include <Eigen/Geometry>
 
-#include <charconv>
 #include <cmath>
-#include <cstdio>
 
 #include "core/base/config_file.h"
+#include "core/base/number_text.h"
 #include "core/base/units.h"
 #include "core/light/light_map.h"
 
@@ -19,7 +18,7 @@ constexpr double longest_mm = 1e6;
 
 [[noreturn]] void fail(const std::string& text) {
   throw InputError(
-      "--placement " + text +
+      "--placement ", text,
       ": give width x height @ distance of the screen in mm, such as 520x320@600, and if it is not straight "
       "ahead of the camera, ',yaw=90' (to the right), pitch, roll in degrees and x, y in mm");
 }
@@ -37,9 +36,8 @@ double take_number(std::string_view& rest, std::string_view mark, const std::str
 
 void require_range(const std::string& name, const char* what, double value, double low, double high) {
   if (!(value >= low && value <= high)) {
-    char range[96];
-    std::snprintf(range, sizeof range, " is %g; give a number from %g to %g", value, low, high);
-    throw InputError(name + ": the monitor's " + what + range);
+    throw InputError(name, ": the monitor's ", what,
+                     formatted(" is %g; give a number from %g to %g", value, low, high));
   }
 }
 
@@ -66,12 +64,11 @@ void check_placements(std::span<const MonitorPlacement> monitors, const LightDom
                       const std::string& name) {
   if (monitors.empty()) return;
   if (domain.parameterisation != Parameterisation::monitor)
-    throw InputError(name + ": places a monitor, but its light is a " +
-                     std::string(name_of(domain.parameterisation)) + " map; remove the monitor");
+    throw InputError(name, ": places a monitor, but its light is a ", name_of(domain.parameterisation),
+                     " map; remove the monitor");
   const auto count = static_cast<int>(monitors.size());
   if (domain.height % count != 0)
-    throw InputError(name + ": has " + std::to_string(count) + " monitor placements, and light maps " +
-                     std::to_string(domain.height) +
+    throw InputError(name, ": has ", count, " monitor placements, and light maps ", domain.height,
                      " texels high, which do not divide into as many equal windows");
   for (const MonitorPlacement& monitor : monitors) monitor.check(name);
 }
@@ -126,13 +123,9 @@ std::vector<MonitorPlacement> v0_2::placements_from_texts(const std::vector<std:
 }
 
 std::string v0_2::text_of(const MonitorPlacement& monitor) {
-  char number[96];
-  std::snprintf(number, sizeof number, "%gx%g@%g", monitor.width_mm, monitor.height_mm, monitor.distance_mm);
-  std::string text = number;
+  std::string text = formatted("%gx%g@%g", monitor.width_mm, monitor.height_mm, monitor.distance_mm);
   const auto add = [&](const char* key, double value) {
-    if (value == 0.0) return;
-    std::snprintf(number, sizeof number, ",%s=%g", key, value);
-    text += number;
+    if (value != 0.0) text += formatted(",%s=%g", key, value);
   };
   add("yaw", monitor.turn.yaw);
   add("pitch", monitor.turn.pitch);
@@ -146,9 +139,7 @@ Eigen::Matrix3d rotation_of(const EulerAngles& turn) {
   constexpr double max_degrees = 1e6;
   for (const auto& [name, angle] : {std::pair("yaw", turn.yaw), {"pitch", turn.pitch}, {"roll", turn.roll}})
     if (!(std::abs(angle) <= max_degrees)) {
-      char text[96];
-      std::snprintf(text, sizeof text, "%s: is %g degrees; give an angle from -1e6 to 1e6", name, angle);
-      throw InputError(text);
+      throw InputError(formatted("%s: is %g degrees; give an angle from -1e6 to 1e6", name, angle));
     }
   return (Eigen::AngleAxisd(radians_from_degrees(turn.yaw), Eigen::Vector3d::UnitY()) *
           Eigen::AngleAxisd(radians_from_degrees(turn.pitch), Eigen::Vector3d::UnitX()) *

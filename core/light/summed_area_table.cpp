@@ -9,7 +9,7 @@ namespace refield {
 
 void SummedAreaTable::build(const Image& image) {
   if (image.channels != 3 || image.empty())
-    throw InputError("a summed-area table needs an RGB image, not one of " + shape_text(image));
+    throw InputError("a summed-area table needs an RGB image, not one of ", shape_text(image));
   width_ = image.width;
   height_ = image.height;
   const std::size_t stride = static_cast<std::size_t>(width_ + 1) * 3;

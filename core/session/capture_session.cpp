@@ -5,7 +5,6 @@
 #include <toml++/toml.h>
 
 #include <Eigen/LU>
-#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -139,8 +138,7 @@ void check_size(const fs::path& path, const ImageView* view, int& width, int& he
   } header{};
   if (view) {
     header = {view->width, view->height};
-    if (view->channels != 3)
-      throw InputError(path.string() + ": has " + std::to_string(view->channels) + " channels, not 3");
+    if (view->channels != 3) throw InputError(path, ": has ", view->channels, " channels, not 3");
   } else {
     const ImageHeader read = read_image_header(path);
     header = {read.width, read.height};
@@ -151,10 +149,9 @@ void check_size(const fs::path& path, const ImageView* view, int& width, int& he
     first = &path;
   }
   if (header.width != width || header.height != height)
-    throw InputError(path.string() + ": is " + std::to_string(header.width) + "×" +
-                     std::to_string(header.height) + " pixels, " +
-                     (first ? first->string() : std::string("the session")) + " is " + std::to_string(width) +
-                     "×" + std::to_string(height) + "; resize it or leave it out");
+    throw InputError(path, ": is ", header.width, "×", header.height, " pixels, ",
+                     first ? first->string() : std::string("the session"), " is ", width, "×", height,
+                     "; resize it or leave it out");
 }
 
 }  // namespace
@@ -217,7 +214,7 @@ CaptureSession read_capture_session(const fs::path& folder) {
   const fs::path manifest = folder / session_manifest_name;
   if (!fs::is_regular_file(manifest))
     throw InputError(
-        folder.string() + ": is not a capture session (no " + session_manifest_name +
+        folder, ": is not a capture session (no ", session_manifest_name,
         "); give a folder written by 'refield acquire' or 'refield simulate', or use --light and --observed");
   const ConfigFile file(manifest, "capture session", "docs/reference/capture-session-format.md");
   ConfigSection root = file.root();
@@ -261,7 +258,7 @@ std::vector<std::pair<fs::path, fs::path>> pair_files(const std::string& first_g
                                   const std::string& glob) {
     for (const auto& [key, path] : from)
       if (!to.contains(key))
-        throw InputError(path.string() + ": has no " + missing + " '" + key + "' among " + glob +
+        throw InputError(path, ": has no ", missing, " '", key, "' among ", glob,
                          "; add the missing image or remove this one from the series");
   };
   require_partner(first, second, second_kind, second_glob);
@@ -521,17 +518,16 @@ Photograph read_observed_rows(const CaptureFrame& frame, int first, int last) {
 Mask read_mask(const fs::path& path, int width, int height) {
   const Image image = read_image(path);
   if (image.width != width || image.height != height)
-    throw InputError(path.string() + ": the mask is " + shape_text(image) + ", the photographs are " +
-                     std::to_string(width) + "×" + std::to_string(height) + "; paint it at that size");
+    throw InputError(path, ": the mask is ", shape_text(image), ", the photographs are ", width, "×", height,
+                     "; paint it at that size");
   Mask mask(image.pixel_count());
   for (std::size_t p = 0; p < mask.size(); ++p)
     mask[p] =
         std::ranges::any_of(std::span(image.values).subspan(3 * p, 3), [](float v) { return v > 0.5f; });
   const float brightest = *std::ranges::max_element(image.values);
   if (brightest > 0.0f && brightest <= 0.5f)
-    throw InputError(path.string() +
-                     ": no pixel is brighter than half of white (the brightest has the linear value " +
-                     std::to_string(brightest) + "); a mask is white (255) where the scene is, not 1");
+    throw InputError(path, ": no pixel is brighter than half of white (the brightest has the linear value ",
+                     brightest, "); a mask is white (255) where the scene is, not 1");
   return mask;
 }
 

@@ -47,9 +47,7 @@ std::optional<JournalEntry> entry_of(std::string_view line) {
 }  // namespace
 
 std::string crc32_text(std::uint32_t value) {
-  char text[9];
-  std::snprintf(text, sizeof text, "%08x", value);
-  return text;
+  return formatted("%08x", value);
 }
 
 std::uint32_t crc32_of(std::string_view bytes, std::uint32_t before) {

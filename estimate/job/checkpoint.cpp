@@ -48,7 +48,7 @@ Checkpoint::Checkpoint(const fs::path& output, std::string description)
 void Checkpoint::resume() const {
   const fs::path job = folder_ / description_name;
   if (fs::exists(job) && read_text(job) != description_)
-    throw InputError(folder_.string() +
+    throw InputError(folder_,
                      ": was begun with other options or inputs; give the same ones again, or remove --resume "
                      "to start again");
 }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/job/estimate_job.h"
 
-#include <cstdio>
 #include <fstream>
 
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "core/light/cube_map.h"
 #include "estimate/job/estimate_band.h"
 
@@ -178,19 +178,18 @@ std::map<std::string, JournalFile> journal_files(const CaptureSession& session) 
 void require_enough_frames(const EstimateJob& job, const EstimateOptions& options) {
   const int images = static_cast<int>(job.frames.size());
   if (images < 2)
-    throw InputError(name_of(job.session) + ": holds " +
-                     (images == 0 ? "no training image" : "one training image only") +
+    throw InputError(name_of(job.session), ": holds ",
+                     images == 0 ? "no training image" : "one training image only",
                      "; a reflectance field needs many lights, about 100 for 25 kernels per pixel");
   if (options.kernels > images)
-    throw InputError(name_of(job.session) + ": " + std::to_string(images) +
-                     " training images cannot determine " + std::to_string(options.kernels) +
-                     " kernels per pixel; add images or give --max-kernels " + std::to_string(images) +
+    throw InputError(name_of(job.session), ": ", images, " training images cannot determine ",
+                     options.kernels, " kernels per pixel; add images or give --max-kernels ", images,
                      " or less");
 }
 
 void require_any_inside(const Mask& mask, const std::string& name) {
   if (std::ranges::none_of(mask, [](unsigned char inside) { return inside != 0; }))
-    throw InputError(name +
+    throw InputError(name,
                      ": the mask is dark everywhere, so no pixel would be estimated; paint the scene "
                      "brighter than one half, or leave the mask out");
 }
@@ -208,21 +207,19 @@ EstimateJob open_job(const CaptureSession& session, const EstimateOptions& optio
   check_image_sizes(job.session);
   const LightDomain& light = job.session.light;
   if (light.parameterisation == Parameterisation::cube && light != cube_domain(light.width))
-    throw InputError(job.frames.front().illumination.string() + ": is " + std::to_string(light.width) + "×" +
-                     std::to_string(light.height) +
+    throw InputError(job.frames.front().illumination, ": is ", light.width, "×", light.height,
                      ", which is not a cube map (six square faces stacked vertically, R×6R); give such maps "
                      "or the right --parameterisation");
   check_placements(job.session.monitors, job.session.light, "the capture");
   if (job.session.colour && std::isfinite(options.clip_level))
-    throw InputError(name_of(job.session) +
+    throw InputError(name_of(job.session),
                      ": has a colour matrix, after which no level tells where the camera clipped; leave out "
-                     "--clip, or remove [camera.colour] from " +
+                     "--clip, or remove [camera.colour] from ",
                      session_manifest_name);
   job.rows = options.rows.value_or(RowRange{0, job.session.height});
   if (job.rows.first < 0 || job.rows.first >= job.rows.last || job.rows.last > job.session.height)
-    throw InputError("--rows " + std::to_string(job.rows.first) + ":" + std::to_string(job.rows.last) +
-                     " are not rows of an image of " + std::to_string(job.session.height) +
-                     "; rows count from 0, and the last one named is not included");
+    throw InputError("--rows ", job.rows.first, ":", job.rows.last, " are not rows of an image of ",
+                     job.session.height, "; rows count from 0, and the last one named is not included");
   if (session.mask) {
     job.mask = read_mask(*session.mask, job.session.width, job.session.height);
     require_any_inside(job.mask, session.mask->string());
@@ -247,8 +244,7 @@ std::string job_key(const EstimateJob& job, const EstimateOptions& options) {
       add_bytes(hash, path.filename().string() + ' ' + std::to_string(fs::file_size(path)) + ' ' +
                           crc32_text(file->second.crc32) + '\n');
   }
-  char text[17];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  const std::string text = formatted("%016llx", static_cast<unsigned long long>(hash));
   if (const auto& colour = job.session.colour)
     key["rec709_from_camera"] =
         std::vector<double>(colour->rec709_from_camera.data(), colour->rec709_from_camera.data() + 9);

@@ -12,17 +12,16 @@ namespace {
 void note_few_lights(const BoxTable& table, std::size_t cells, const RunContext& run) {
   const int lights = count_of(table.light_groups());
   if (lights < min_lights_for_errors)
-    return run.note(
-        "only " + std::to_string(lights) + " of the " + std::to_string(table.images()) +
-        " light maps differ by more than brightness: the field is determined poorly, and its error "
-        "on new photographs cannot be predicted; photograph " +
-        std::to_string(min_lights_for_errors) + " lights or more that differ, about 100 for most scenes");
+    return run.note("only ", lights, " of the ", table.images(),
+                    " light maps differ by more than brightness: the field is determined poorly, and its "
+                    "error on new photographs cannot be predicted; photograph ",
+                    min_lights_for_errors, " lights or more that differ, about 100 for most scenes");
   const int rank = table.light_rank();
   const int determined = static_cast<int>(std::min<std::size_t>(lights, cells > 0 ? cells : lights));
   if (rank < determined)
     run.note(
-        "the " + std::to_string(lights) + " light maps that differ are sums of " + std::to_string(rank) +
-        ": they tell no more of the scene than " + std::to_string(rank) +
+        "the ", lights, " light maps that differ are sums of ", rank,
+        ": they tell no more of the scene than ", rank,
         " photographs, and the predicted error holds for such sums only; add lights that are independent");
 }
 

@@ -3,11 +3,9 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <limits>
 
+#include "core/base/number_text.h"
 #include "core/base/run_context.h"
 #include "core/image/image_io.h"
 #include "core/session/capture_session.h"
@@ -27,15 +25,12 @@ Photograph read_measured_rows(const CaptureFrame& frame, int width, int first_ro
   Photograph photograph = read_observed_rows(frame, first_row, last_row);
   const Image& radiance = photograph.radiance;
   if (radiance.width != width)
-    throw InputError(frame.observed.string() + ": is " + std::to_string(radiance.width) +
-                     " pixels wide, not " + std::to_string(width));
+    throw InputError(frame.observed, ": is ", radiance.width, " pixels wide, not ", width);
   const auto refuse = [&](std::size_t i, const char* quantity, float value, const char* remedy) {
     static constexpr const char* channels[] = {"red", "green", "blue"};
-    char number[32];
-    std::snprintf(number, sizeof number, "%.4g", static_cast<double>(value));
-    throw InputError(frame.observed.string() + ": pixel (" + std::to_string(i / 3 % width) + ", " +
-                     std::to_string(first_row + static_cast<int>(i / 3) / width) + "), " + channels[i % 3] +
-                     ", has a " + quantity + " of " + number + "; " + remedy);
+    throw InputError(frame.observed, ": pixel (", i / 3 % width, ", ",
+                     first_row + static_cast<int>(i / 3) / width, "), ", channels[i % 3], ", has a ",
+                     quantity, " of ", formatted("%.4g", static_cast<double>(value)), "; ", remedy);
   };
   unmeasured.assign(radiance.values.size(), 0);
   for (std::size_t i = 0; i < radiance.values.size(); ++i) {

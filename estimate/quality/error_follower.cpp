@@ -43,8 +43,8 @@ void ErrorFollower::add(const CaptureFrame& frame, Parameterisation parameterisa
     noise2_.resize(pixels_.size());
   }
   if (radiance.width != width_ || radiance.height != height_)
-    throw InputError(frame.observed.string() + ": is " + shape_text(radiance) + ", those before are " +
-                     std::to_string(width_) + "×" + std::to_string(height_) + "; use one camera mode");
+    throw InputError(frame.observed, ": is ", shape_text(radiance), ", those before are ", width_, "×",
+                     height_, "; use one camera mode");
   lights_.push_back(read_illumination(frame, parameterisation, run));
   for (std::size_t i = 0; i < pixels_.size(); ++i)
     for (int c = 0; c < 3; ++c) {

@@ -57,7 +57,7 @@ std::vector<int> max_useful_order(std::span<const LightMap> lights, double noise
   const std::size_t n = lights.size();
   for (const LightMap& light : lights)
     if (light.domain() != lights.front().domain())
-      throw InputError("the lights to order differ in size; make them all " +
+      throw InputError("the lights to order differ in size; make them all ",
                        shape_text(lights.front().radiance));
   std::vector<double> C = covariance_of(lights);  // given the photographs chosen so far
   // Noise and error in absolute terms: bright lights tell more and miss more. Relative to each light, 20 of

@@ -2,7 +2,6 @@
 #include "estimate/rig/rig_model.h"
 
 #include <Eigen/LU>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>

@@ -61,7 +61,7 @@ std::optional<Parameterisation> environment_kind(int width, int height) {
 
 Parameterisation require_environment_kind(int width, int height, const std::string& name) {
   if (const auto kind = environment_kind(width, height)) return *kind;
-  throw InputError(name + " is " + std::to_string(width) + "×" + std::to_string(height) +
+  throw InputError(name, " is ", width, "×", height,
                    ", which is not an environment map: give a lat-long map (twice as wide as high) or a cube "
                    "map (six square faces stacked vertically, +X −X +Y −Y +Z −Z)");
 }

@@ -127,7 +127,7 @@ PreparedEnvironment::PreparedEnvironment(std::shared_ptr<const LightMap> map, co
   }
   const int side = radiance.width;
   if (radiance.height != cube_faces * side)
-    throw InputError("a cube map has six square faces stacked vertically, not " + shape_text(radiance));
+    throw InputError("a cube map has six square faces stacked vertically, not ", shape_text(radiance));
   const std::vector<float> angles = cube_solid_angles(side);
   for (std::size_t i = 0; i < radiance.values.size(); ++i)
     total_[i % 3] += double{angles[i / 3 % angles.size()]} * radiance.values[i];

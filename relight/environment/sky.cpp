@@ -127,12 +127,11 @@ void add_sun(LightMap& light, const Eigen::Vector3d& sun, const Array3d& energy)
 
 void SkyOptions::check() const {
   if (!(turbidity >= 1.7 && turbidity <= 10.0))
-    throw InputError("turbidity is " + std::to_string(turbidity) + "; give 1.7 (clear) to 10 (haze)");
+    throw InputError("turbidity is ", turbidity, "; give 1.7 (clear) to 10 (haze)");
   if (!(std::abs(latitude_degrees) <= 85.0))
-    throw InputError("--latitude is " + std::to_string(latitude_degrees) + "; give -85 to 85 degrees");
+    throw InputError("--latitude is ", latitude_degrees, "; give -85 to 85 degrees");
   if (width < 16 || width > 16384 || width % 2 != 0)
-    throw InputError("a sky of " + std::to_string(width) +
-                     " texels across; give an even number, 16 to 16384");
+    throw InputError("a sky of ", width, " texels across; give an even number, 16 to 16384");
 }
 
 Eigen::Vector3d sun_direction(double done, const SkyOptions& options) {

@@ -104,8 +104,8 @@ void SphereGrid::add_strips() {
 
 void SphereGrid::add_faces() {
   if (domain_.height != 6 * domain_.width)
-    throw InputError("a cube map has six square faces stacked vertically, not " +
-                     std::to_string(domain_.width) + "×" + std::to_string(domain_.height) + " texels");
+    throw InputError("a cube map has six square faces stacked vertically, not ", domain_.width, "×",
+                     domain_.height, " texels");
   for (int face = 0; face < 6; ++face)
     patches_.push_back({cube_face_axes(face), even_edges(-1.0, 1.0, domain_.width),
                         even_edges(1.0, -1.0, domain_.width), 0, face * domain_.width});

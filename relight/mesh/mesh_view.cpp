@@ -333,8 +333,8 @@ Image MeshRenderer::show(const Image& outputs) const {
   const std::size_t vertices = mesh_->positions.size();
   if (outputs.width != output_image_width || outputs.channels != 3 ||
       outputs.height < output_image_height(vertices * outputs_a_vertex_))
-    throw InputError("an image of " + shape_text(outputs) + " does not hold the outputs of " +
-                     std::to_string(vertices) + " vertices");
+    throw InputError("an image of ", shape_text(outputs), " does not hold the outputs of ", vertices,
+                     " vertices");
   std::vector<Eigen::Array3f> light(vertices);
   tbb::parallel_for(std::size_t{0}, vertices, [&](std::size_t v) {
     light[v] = mesh_->colours[v] * radiance(outputs, static_cast<std::uint32_t>(v));

@@ -2,10 +2,10 @@
 #include "relight/pack/pack.h"
 
 #include <cmath>
-#include <cstdio>
 #include <unordered_map>
 
 #include "core/base/json.h"
+#include "core/base/number_text.h"
 #include "relight/tiles/tiled_transfer.h"
 
 namespace refield {
@@ -205,9 +205,7 @@ PackResult pack_field(const ReflectanceField& field, double error, const RunCont
       outline.observed_light = field.observed_light;
       return std::move(*result);
     }
-  char least[32];
-  std::snprintf(least, sizeof least, "%.1e", search.least_error());
-  throw InputError(std::string("weights of 16 bits leave an error of ") + least +
+  throw InputError("weights of 16 bits leave an error of ", formatted("%.1e", search.least_error()),
                    " already; allow a larger error");
 }
 

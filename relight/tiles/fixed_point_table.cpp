@@ -100,7 +100,7 @@ void FixedPointTable::sum(std::span<const SmallBox> boxes, float* sums) const {
 
 void FixedPointTable::build(const Image& light) {
   if (light.channels != 3 || light.empty())
-    throw InputError("a summed-area table needs an RGB image, not one of " + shape_text(light));
+    throw InputError("a summed-area table needs an RGB image, not one of ", shape_text(light));
   width_ = light.width;
   const int strips = (light.height + strip_rows - 1) / strip_rows;
   const auto values = static_cast<std::size_t>(light.width) * 3;

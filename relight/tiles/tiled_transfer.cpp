@@ -291,9 +291,9 @@ class TileLayout {
 
 void require_nameable(const LightDomain& domain) {
   if (domain.width > small_box_limit || domain.height > small_box_limit)
-    throw InputError("the field's light map of " + std::to_string(domain.width) + "×" +
-                     std::to_string(domain.height) + " texels is larger than tiles can name (" +
-                     std::to_string(small_box_limit) + "); use a smaller light map");
+    throw InputError("the field's light map of ", domain.width, "×", domain.height,
+                     " texels is larger than tiles can name (", small_box_limit,
+                     "); use a smaller light map");
 }
 
 /// Lays out rows of tiles, each row as a task; calls `done` when the field's entries are no longer needed.

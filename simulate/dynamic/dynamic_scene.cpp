@@ -59,7 +59,7 @@ Brdf average_lobes(Mesh& mesh, std::span<const Eigen::Array4f> lobes, const std:
     differs = ((lobes[v].head<3>() - mean).abs() > seen).any() || std::abs(lobes[v][3] - roughness) > seen;
   }
   if (differs)
-    run.note(name +
+    run.note(name,
              ": an object of a dynamic scene has one lobe, so the metallic and roughness values of its "
              "mesh file are averaged; divide the file by material to keep them");
   return brdf;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "simulate/geometry/mesh_file.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -141,10 +140,9 @@ void require_near_origin(const Mesh& mesh, const fs::path& path) {
   const Eigen::AlignedBox3f box = bounds_of(mesh);
   const float farthest = std::max(box.min().cwiseAbs().maxCoeff(), box.max().cwiseAbs().maxCoeff());
   if (farthest * std::numeric_limits<float>::epsilon() > max_rounding * box.diagonal().norm())
-    throw FormatError(path,
-                      "lies " + std::to_string(std::lround(farthest / box.diagonal().norm())) +
-                          " times its size away from the origin, where single precision deforms it; move "
-                          "it to the origin");
+    throw FormatError(path, "lies ", std::lround(farthest / box.diagonal().norm()),
+                      " times its size away from the origin, where single precision deforms it; move "
+                      "it to the origin");
 }
 
 }  // namespace
@@ -182,7 +180,7 @@ MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, co
   const std::vector<VertexMaterial> materials =
       options.materials ? vertex_materials(file, path, run) : std::vector<VertexMaterial>();
   if (options.gloss == Gloss::diffuse && std::ranges::any_of(materials, shines))
-    run.note(path.string() +
+    run.note(path,
              ": vertices of light clusters have no view, so highlights and metallic reflection of its "
              "materials are reflected diffusely, with the same reflectance; precompute an image or spherical "
              "harmonics to see them");
@@ -197,8 +195,7 @@ MeshFile read_mesh_file(const fs::path& path, const MeshFileOptions& options, co
   require_near_origin(mesh, path);
   const std::size_t left_out = file.triangles.size() - mesh.triangles.size();
   if (left_out > 0)
-    run.note(path.string() + ": " + std::to_string(left_out) + " of " +
-             std::to_string(file.triangles.size()) + " triangles have no area and are ignored");
+    run.note(path, ": ", left_out, " of ", file.triangles.size(), " triangles have no area and are ignored");
   return result;
 }
 

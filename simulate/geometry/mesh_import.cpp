@@ -47,23 +47,23 @@ void require_valid(const ImportedMesh& mesh, const fs::path& path) {
   constexpr float largest = 1e15f;
   for (std::size_t i = 0; i < mesh.positions.size(); ++i)
     if (!(mesh.positions[i].cwiseAbs().maxCoeff() <= largest) || !mesh.positions[i].allFinite())
-      throw FormatError(path, "vertex " + std::to_string(i) +
-                                  " has coordinates that are not finite or beyond 1e15; repair the mesh");
+      throw FormatError(path, "vertex ", i,
+                        " has coordinates that are not finite or beyond 1e15; repair the mesh");
   for (const auto& triangle : mesh.triangles)
     for (const std::uint32_t vertex : triangle)
       if (vertex >= mesh.positions.size())
-        throw FormatError(path, "a triangle names vertex " + std::to_string(vertex) + " of " +
-                                    std::to_string(mesh.positions.size()) + "; export the file again");
+        throw FormatError(path, "a triangle names vertex ", vertex, " of ", mesh.positions.size(),
+                          "; export the file again");
   for (const std::uint32_t material : mesh.material)
     if (material >= mesh.materials.size())
-      throw FormatError(path, "a part names material " + std::to_string(material) + " of " +
-                                  std::to_string(mesh.materials.size()) + "; export the file again");
+      throw FormatError(path, "a part names material ", material, " of ", mesh.materials.size(),
+                        "; export the file again");
   for (const ImportedMaterial& material : mesh.materials)
     for (const std::int32_t texture :
          {material.texture, material.metallic_texture, material.roughness_texture})
       if (texture >= static_cast<std::int32_t>(mesh.textures.size()))
-        throw FormatError(path, "a material names texture " + std::to_string(texture) + " of " +
-                                    std::to_string(mesh.textures.size()) + "; export the file again");
+        throw FormatError(path, "a material names texture ", texture, " of ", mesh.textures.size(),
+                          "; export the file again");
 }
 
 bool take(std::string_view& bytes, std::vector<ImportedTexture>& textures) {
@@ -121,7 +121,7 @@ ImportedMesh import_mesh(const fs::path& path, const RunContext& run) {
   std::istringstream lines(std::string(notes.begin(), notes.end()));
   std::set<std::string> told;
   for (std::string line; std::getline(lines, line);)
-    if (told.insert(line).second) run.note(path.string() + ": " + line);
+    if (told.insert(line).second) run.note(path, ": ", line);
   return mesh;
 }
 

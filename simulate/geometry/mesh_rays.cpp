@@ -15,14 +15,12 @@ namespace refield::prt {
 namespace {
 
 void on_embree_error(void*, RTCError code, const char* text) {
-  throw InputError("ray tracing library: error " + std::to_string(code) + ": " + (text ? text : ""));
+  throw InputError("ray tracing library: error ", code, ": ", text ? text : "");
 }
 
 RTCDevice new_device() {
   const RTCDevice device = rtcNewDevice(nullptr);
-  if (!device)
-    throw InputError("ray tracing library: cannot start (error " +
-                     std::to_string(rtcGetDeviceError(nullptr)) + ")");
+  if (!device) throw InputError("ray tracing library: cannot start (error ", rtcGetDeviceError(nullptr), ")");
   rtcSetDeviceErrorFunction(device, on_embree_error, nullptr);
   return device;
 }
@@ -217,7 +215,7 @@ MeshRays::MeshRays(const Mesh& mesh) : mesh_(&mesh) {
   const Eigen::AlignedBox3f bounds = bounds_of(mesh);
   const float size = bounds.isEmpty() ? 0.0f : bounds.diagonal().norm();
   if (size > 0.0f && size < least_size)
-    throw InputError("the mesh is " + std::to_string(size / least_size) +
+    throw InputError("the mesh is ", size / least_size,
                      "e-9 units across, too small for rays in single precision; give it in larger units, or "
                      "a `size` in a scene's description");
   offset_ = offset_share * size;

@@ -283,7 +283,7 @@ Mesh shape_mesh(const ObjectDescription& object) {
     case Shape::file:
       break;
   }
-  throw InputError("object '" + object.name + "': its shape is in a file; read that");
+  throw InputError("object '", object.name, "': its shape is in a file; read that");
 }
 
 namespace {
@@ -331,7 +331,7 @@ SceneObject read_scene_object(ConfigSection& section, SceneKind scene,
 
 void check_triangle_count(const fs::path& scene, std::size_t triangles) {
   if (triangles > prt::max_triangles)
-    throw InputError(scene.string() + ": the scene has more than " + std::to_string(prt::max_triangles) +
+    throw InputError(scene, ": the scene has more than ", prt::max_triangles,
                      " triangles; simplify its meshes or refine them less");
 }
 

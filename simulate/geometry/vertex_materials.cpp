@@ -4,7 +4,6 @@
 #include <tbb/parallel_for.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <map>
@@ -60,7 +59,7 @@ std::optional<Image> read_texture(const ImportedTexture& texture, const fs::path
     throw;
   } catch (const Error&) {  // its message names a file that no user knows
   }
-  run.note(path.string() + ": the texture " + name +
+  run.note(path, ": the texture ", name,
            " is no readable image; its parts are shown without it. Convert it to PNG");
   return std::nullopt;
 }
@@ -186,17 +185,17 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
     if (used[i] && mesh.materials[i].texture >= 0 && mesh.texture_places.empty()) ignored |= ignored_texture;
   }
   if (ignored & ignored_texture)
-    run.note(path.string() +
+    run.note(path,
              ": a texture of its materials is not in its folder, or not placed by the first texture "
              "coordinates; its parts are shown without it");
   if (ignored & ignored_excess)
-    run.note(path.string() + ": its materials have factors outside [0, 1], which are clamped");
+    run.note(path, ": its materials have factors outside [0, 1], which are clamped");
   if (ignored & ignored_black)
-    run.note(path.string() +
+    run.note(path,
              ": its textures are shown as they are, though their materials multiply them by black (Kd, "
              "baseColorFactor); remove the textures if the surfaces are black");
   if (ignored & ignored_back && is_open(mesh))
-    run.note(path.string() +
+    run.note(path,
              ": its double-sided surfaces are lit on one side, that of their normals; give those that are "
              "seen from behind a thickness");
   std::string parts;
@@ -207,7 +206,7 @@ void note_ignored(const ImportedMesh& mesh, const std::vector<bool>& used, const
         {ignored_transparency, "transparency"}})
     if (ignored & part) parts += (parts.empty() ? "" : ", ") + std::string(name);
   if (!parts.empty())
-    run.note(path.string() + ": of its materials, " + parts +
+    run.note(path, ": of its materials, ", parts,
              " are ignored; name a [[material]] in a scene file (docs/reference/scene-files.md) for another "
              "surface");
 }

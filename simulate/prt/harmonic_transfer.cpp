@@ -461,9 +461,8 @@ void check_radius(const Mesh& mesh, double radius) {
   float farthest = 0.0f;
   for (const auto& position : mesh.positions) farthest = std::max(farthest, (position - centre).norm());
   if (farthest > farthest_share * radius)
-    throw InputError("harmonics: radius " + std::to_string(radius) +
-                     " of the sphere of lights: the scene reaches " + std::to_string(farthest) +
-                     " from its middle; give at least " + std::to_string(farthest / farthest_share) +
+    throw InputError("harmonics: radius ", radius, " of the sphere of lights: the scene reaches ", farthest,
+                     " from its middle; give at least ", farthest / farthest_share,
                      ", or 0 for distant light");
 }
 
@@ -533,7 +532,7 @@ HarmonicTransfer reflect(const ArrivingLight& light, const Scene& scene, const H
 
 void HarmonicOptions::check() const {
   const auto require = [](bool good, const std::string& what, const std::string& remedy) {
-    if (!good) throw InputError("harmonics: " + what + ": " + remedy);
+    if (!good) throw InputError("harmonics: ", what, ": ", remedy);
   };
   require(order >= 2 && order <= 8, "order " + std::to_string(order), "give 2 to 8");
   require(directions >= 64 && directions <= 1 << 20, "directions " + std::to_string(directions),

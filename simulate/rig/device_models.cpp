@@ -47,9 +47,8 @@ LightMap MonitorModel::emitted(const DriveImage& image) const {
   const auto curve = tone_curve();
   LightMap light{Image(image.width, image.height, 3), Parameterisation::monitor};
   if (image.levels.size() != light.radiance.values.size())
-    throw InputError("monitor: a drive image of " + std::to_string(image.width) + "×" +
-                     std::to_string(image.height) + " texels has " + std::to_string(image.levels.size()) +
-                     " levels; three a texel are needed");
+    throw InputError("monitor: a drive image of ", image.width, "×", image.height, " texels has ",
+                     image.levels.size(), " levels; three a texel are needed");
   const Falloff screen{image.width, image.height, falloff};
   double sum = 0.0;
   std::size_t i = 0;
@@ -135,7 +134,7 @@ Eigen::Matrix3f SensorModel::mixing_matrix() const {
 std::vector<std::uint16_t> SensorModel::expose(const Image& radiance, Seconds exposure, double gain,
                                                std::uint64_t noise_key) const {
   if (radiance.channels != 3)
-    throw InputError("sensor: needs a radiance image of 3 channels, got " + shape_text(radiance));
+    throw InputError("sensor: needs a radiance image of 3 channels, got ", shape_text(radiance));
   const int channels = channels_of(layout);
   const double full = full_scale();
   const double electrons_per_radiance = sensitivity * exposure.count();

@@ -3,12 +3,11 @@
 
 #include <tbb/parallel_for.h>
 
-#include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <numeric>
 
+#include "core/base/number_text.h"
 #include "core/base/rng.h"
 #include "core/image/metrics.h"
 
@@ -23,9 +22,7 @@ constexpr int largest_panorama = 3072;
 constexpr int first_coloured_view = 9999 * views_of_a_panorama;  // of panoramas that show no other light
 
 std::string numbered(const char* role, int number) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%s_%03d", role, number);
-  return text;
+  return formatted("%s_%03d", role, number);
 }
 
 void fill(Image& image, int x0, int y0, int x1, int y1) {

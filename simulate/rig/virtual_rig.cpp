@@ -136,8 +136,8 @@ struct VirtualRig::State {
     transport.output_from_primaries.setIdentity();
     if (ambient.empty()) ambient = Image(transport.width, transport.height, 3);
     if (ambient.width != transport.width || ambient.height != transport.height || ambient.channels != 3)
-      throw InputError("virtual rig: the ambient image is " + shape_text(ambient) + ", the transport has " +
-                       std::to_string(transport.width) + "×" + std::to_string(transport.height) +
+      throw InputError("virtual rig: the ambient image is ", shape_text(ambient), ", the transport has ",
+                       transport.width, "×", transport.height,
                        " pixels; use the ambient image made together with the transport");
   }
 
@@ -267,8 +267,7 @@ struct VirtualRig::State {
 
   TimePoint set_exposure(Seconds new_exposure, double new_gain) {
     const auto refuse = [](const std::string& what, double value, double low, double high) {
-      throw InputError("virtual camera: " + what + " " + std::to_string(value) + " lies outside " +
-                       std::to_string(low) + " to " + std::to_string(high));
+      throw InputError("virtual camera: ", what, " ", value, " lies outside ", low, " to ", high);
     };
     if (!(new_exposure >= sensor.shortest_exposure && new_exposure <= sensor.longest_exposure))
       refuse("an exposure in seconds of", new_exposure.count(), sensor.shortest_exposure.count(),
@@ -291,9 +290,8 @@ struct VirtualRig::State {
     queue.push_back(expose_one());
     if (const Seconds waited = now - began; waited > timeout) {
       queue.pop_back();  // lost: the next frame's sequence number will show the gap
-      throw DeviceError("virtual camera", ETIMEDOUT,
-                        "no frame within " + std::to_string(timeout.count()) +
-                            " s; allow more time than the exposure takes");
+      throw DeviceError("virtual camera", ETIMEDOUT, "no frame within ", timeout.count(),
+                        " s; allow more time than the exposure takes");
     }
     const ExposedFrame frame = std::move(queue.front());
     queue.pop_front();

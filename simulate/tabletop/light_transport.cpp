@@ -190,7 +190,7 @@ TraceOptions TraceOptions::of_quality(int level, std::uint64_t seed) {
       options.same_paths = true;
       return options;
     default:
-      throw InputError("quality " + std::to_string(level) + ": give 1 (quick), 2 or 3 (least noise)");
+      throw InputError("quality ", level, ": give 1 (quick), 2 or 3 (least noise)");
   }
 }
 

@@ -71,7 +71,7 @@ TabletopObject place_object(const ObjectDescription& object) {
   } else {
     result.mesh = shape_mesh(object);
     if (result.mesh.triangles.empty())
-      throw InputError("object '" + object.name +
+      throw InputError("object '", object.name,
                        "': its shape has no surface; give a profile with some radius");
     if (place.stretch != Eigen::Vector3f::Ones()) prt::place(result.mesh, {.stretch = place.stretch});
     for (const Eigen::Vector3f& position : result.mesh.positions) bounds.extend(turn * position);
@@ -145,7 +145,7 @@ const MaterialDescription& TabletopScene::material_named(const std::string& name
   if (name.empty()) return standard;
   const auto material = std::ranges::find(description_.materials, name, &MaterialDescription::name);
   if (material == description_.materials.end())
-    throw InputError("an object refers to the material '" + name + "', which is not in the scene; add it");
+    throw InputError("an object refers to the material '", name, "', which is not in the scene; add it");
   return *material;
 }
 

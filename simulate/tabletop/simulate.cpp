@@ -124,9 +124,9 @@ void add_noise(Image& photograph, double sigma, std::uint64_t seed, std::size_t 
 }  // namespace
 
 void SimulateOptions::check() const {
-  if (quality < 1 || quality > 3) throw InputError("quality " + std::to_string(quality) + ": give 1, 2 or 3");
+  if (quality < 1 || quality > 3) throw InputError("quality ", quality, ": give 1, 2 or 3");
   if (!(noise >= 0.0 && noise <= 1.0))
-    throw InputError("noise " + std::to_string(noise) + ": give a relative standard deviation from 0 to 1");
+    throw InputError("noise ", noise, ": give a relative standard deviation from 0 to 1");
 }
 
 SimulatePlan plan_simulate(const Recipe& recipe, const SimulateOptions& options) {

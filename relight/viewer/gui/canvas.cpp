@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/gui/canvas.h"
 
-#include <algorithm>
 #include <cmath>
 
 namespace refield {

@@ -9,7 +9,6 @@
 #include <GLFW/glfw3.h>
 #include <backends/imgui_impl_opengl3.h>
 
-#include <algorithm>
 #include <cerrno>
 
 #include "core/base/number_text.h"
@@ -43,8 +42,8 @@ void load_font(float scale) {
 [[noreturn]] void fail(const std::string& what, const std::string& remedy) {
   const char* reason = nullptr;
   glfwGetError(&reason);
-  throw DeviceError("viewer", ENODEV,
-                    what + (reason != nullptr ? " (" + std::string(reason) + ")" : "") + "; " + remedy);
+  throw DeviceError("viewer", ENODEV, what, reason != nullptr ? " (" + std::string(reason) + ")" : "", "; ",
+                    remedy);
 }
 
 /// Of a window, by GLFW's pointer to it.

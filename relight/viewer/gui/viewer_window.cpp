@@ -99,7 +99,7 @@ void ViewerWindow::write_picture(const fs::path& file, const ToneMapping& mappin
   else if (file.extension() == ".png")
     write_png(file, radiance(), mapping);
   else
-    throw InputError(file.string() + ": pictures are saved as .exr (scene-linear) or .png");
+    throw InputError(file, ": pictures are saved as .exr (scene-linear) or .png");
   say("Saved " + file.string());
 }
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "relight/viewer/gui/widgets.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include "core/image/tone_map.h"

@@ -58,7 +58,7 @@ double take_milliseconds(std::chrono::steady_clock::time_point& start) {
 }  // namespace
 
 SceneState::SceneState(MovingScene scene) : scene_(std::move(scene)), handling_(scene_.things.size()) {
-  if (scene_.things.empty()) throw InputError(scene_.name + ": the scene is empty; there is nothing to show");
+  if (scene_.things.empty()) throw InputError(scene_.name, ": the scene is empty; there is nothing to show");
   light(scene_.camera);
   view_ = std::make_unique<FreeView>(scene_.camera, [this](const PinholeCamera& camera, int samples) {
     return std::make_unique<const MeshRenderer>(frame_.mesh, camera, samples);
