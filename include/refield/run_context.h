@@ -48,7 +48,7 @@ class REFIELD_API Error : public std::runtime_error {
 class REFIELD_API InputError : public Error {
  public:
   using Error::Error;
-  /// Of concatenated() `parts`.
+  /// The message is concatenated() `parts`.
   template <class... Parts>
   requires(sizeof...(Parts) > 1) explicit InputError(const Parts&... parts) : Error(concatenated(parts...)) {}
 };
@@ -61,6 +61,7 @@ class REFIELD_API FormatError : public Error {
   /// `offset` is the byte position at which reading failed.
   FormatError(const std::filesystem::path& path, std::uint64_t offset, const std::string& what)
       : Error(path.string() + " at byte " + std::to_string(offset) + ": " + what), path_(path) {}
+  /// The message is concatenated() of the parts, the first of which is no number.
   template <class First, class... Parts>
   requires(sizeof...(Parts) > 0 && !std::is_arithmetic_v<First>)
       FormatError(const std::filesystem::path& path, const First& first, const Parts&... parts)
@@ -130,7 +131,7 @@ struct REFIELD_API RunContext {
   /// Limit of threads; 0: all that oneTBB has.
   int max_threads = 0;
 
-  /// Passes on concatenated() `parts`.
+  /// Sends concatenated() `parts` to on_note.
   template <class... Parts>
   void note(const Parts&... parts) const {
     if (on_note) on_note(concatenated(parts...));
