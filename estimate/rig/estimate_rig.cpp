@@ -171,6 +171,7 @@ void for_each_usable(const std::vector<Tile>& tiles, Use use) {
 // ---- The estimation ----
 
 constexpr int pixels_for_colour = 400;   ///< of all channels
+constexpr int pixels_for_gains = 3000;   ///< of which the principal directions have little noise
 constexpr int pixels_for_motion = 2000;  ///< samples of one channel
 constexpr int max_alternations = 3, max_steps = 6;
 /// Photographs are smoothed by that many pixels (standard deviation) before gradients are taken.
@@ -278,7 +279,7 @@ class RigEstimation {
 
   RigReport run() {
     current_ = original_;
-    choose_places();
+    places_ = bright_places(pixels_for_colour);
     if (places_.size() < 50) return report();
     choose_way();
     before_ = total_criterion();
@@ -328,14 +329,15 @@ class RigEstimation {
     none.white = model_.white;
     model_ = std::move(none);
   }
-  void choose_places();
+  std::vector<Place> bright_places(std::size_t most) const;
   void choose_way();
   void prepare();
   void scale(Tile& tile) const;
   using RoomPicture = std::array<Eigen::VectorXf, 3>;  ///< of each place
   RoomPicture room_picture(const std::array<MatrixXf, 3>& y);
   void subtract_room(std::size_t tile, int x, int y);
-  MatrixXf series(int channel) const;
+  MatrixXf series(int channel) const { return series(channel, places_); }
+  MatrixXf series(int channel, const std::vector<Place>& places) const;
   void use_exponents();
   double total_criterion() const;
   Eigen::RowVector2d displacement(const Eigen::RowVector4d& motion, const Place& place) const;
@@ -358,6 +360,7 @@ class RigEstimation {
   double mean_room_light(const std::array<MatrixXf, 3>& y, const RoomPicture& scene, double least) const;
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
+  MatrixXd refined_gains(double expected_common, double expected_balance) const;
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
   double share_of_lights(const MatrixXd& gains, const std::array<MatrixXf, 3>& y) const;
   double own_share(const std::array<MatrixXf, 3>& y, int first, int last) const;
@@ -390,7 +393,7 @@ class RigEstimation {
 };
 
 /// Bright usable pixels, evenly spread.
-void RigEstimation::choose_places() {
+std::vector<Place> RigEstimation::bright_places(std::size_t most) const {
   std::vector<Place> all;
   std::vector<double> power;
   for_each_usable(current_, [&](const Tile& tile, const Place& place) {
@@ -401,21 +404,23 @@ void RigEstimation::choose_places() {
     all.push_back(place);
     power.push_back(sum);
   });
-  if (all.empty()) return;
+  if (all.empty()) return {};
   std::vector<double> ordered = power;
   std::ranges::sort(ordered);
   const double least = ordered[ordered.size() / 5];
   std::vector<Place> bright;
   for (std::size_t i = 0; i < all.size(); ++i)
     if (power[i] >= least && power[i] > 0.0) bright.push_back(all[i]);
-  const std::size_t count = std::min<std::size_t>(pixels_for_colour, bright.size());
-  for (std::size_t k = 0; k < count; ++k) places_.push_back(bright[k * bright.size() / count]);
+  const std::size_t count = std::min(most, bright.size());
+  std::vector<Place> spread;
+  for (std::size_t k = 0; k < count; ++k) spread.push_back(bright[k * bright.size() / count]);
+  return spread;
 }
 
-MatrixXf RigEstimation::series(int channel) const {
-  MatrixXf values(images_, static_cast<Index>(places_.size()));
-  for (std::size_t k = 0; k < places_.size(); ++k) {
-    const Place& place = places_[k];
+MatrixXf RigEstimation::series(int channel, const std::vector<Place>& places) const {
+  MatrixXf values(images_, static_cast<Index>(places.size()));
+  for (std::size_t k = 0; k < places.size(); ++k) {
+    const Place& place = places[k];
     values.col(static_cast<Index>(k)) =
         Eigen::Map<const Eigen::VectorXf>(current_[place.tile].at(place.x, place.y, channel), images_);
   }
@@ -1308,7 +1313,10 @@ bool RigEstimation::estimate_brightness() {
   if (changes || mean_room != 0.0)
     for (int j = 0; j < frames_; ++j)
       model_.room.push_back(room_scale_ * (mean_room + (changes ? room[j] : 0.0)));
-  if (model_.room.empty()) model_.ambient_room = false;
+  if (model_.room.empty())
+    model_.ambient_room = false;
+  else
+    prepare();
   // Gains: of all channels, and what each channel has besides.
   const auto corrected = [&](const MatrixXd& gains) {
     std::array<MatrixXf, 3> result = y;
@@ -1337,6 +1345,9 @@ bool RigEstimation::estimate_brightness() {
                      size_of(common) > min_gain && (balances || own_share(y, 0, 3) > min_own_share);
   if (!gains) gain -= common;
   if ((gains || balances) && share_of_lights(gain, y) < max_share_of_lights) {
+    gain = refined_gains(gains ? expected_common : no_balance, expected_balance);
+    if (!balances) gain = common_of(gain);
+    if (!gains) gain -= common_of(gain);
     model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
     for (Index i = 0; i < images_; ++i)
       for (int c = 0; c < 3; ++c)
@@ -1352,14 +1363,23 @@ bool RigEstimation::estimate_brightness() {
   return largest > 1e-3;
 }
 
+/// Inverse covariance [3 images × 3 images], by channels, of gains that all channels have and of their own.
+MatrixXd gain_prior(Index images, double expected_common, double expected_balance) {
+  const Eigen::Matrix3d covariance = expected_common * expected_common * Eigen::Matrix3d::Ones() +
+                                     expected_balance * expected_balance * Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d precision = covariance.inverse();
+  MatrixXd prior = MatrixXd::Zero(3 * images, 3 * images);
+  for (int c = 0; c < 3; ++c)
+    for (int d = 0; d < 3; ++d)
+      prior.block(c * images, d * images, images, images).diagonal().array() = precision(c, d);
+  return prior;
+}
+
 /// Gains of each photograph and channel [images × 3], relative to 1: least squares of ‖A (y − gain ∘ y)‖²
 /// with a prior of gains that all channels have, and of their own.
 MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                                     double expected_balance) const {
-  const Eigen::Matrix3d covariance = expected_common * expected_common * Eigen::Matrix3d::Ones() +
-                                     expected_balance * expected_balance * Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d precision = covariance.inverse();
-  MatrixXd normal = MatrixXd::Zero(3 * images_, 3 * images_);
+  MatrixXd normal = gain_prior(images_, expected_common, expected_balance);
   VectorXd right(3 * images_);
   const double share = independent_pixels / static_cast<double>(y[0].cols());
   for (int c = 0; c < 3; ++c) {
@@ -1369,15 +1389,77 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
         (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
             .inverse();
     const MatrixXf weighted = y[c] * weights.asDiagonal();
-    normal.block(c * images_, c * images_, images_, images_) =
+    normal.block(c * images_, c * images_, images_, images_) +=
         share * squared.cwiseProduct(MatrixXf(weighted * y[c].transpose())).cast<double>();
     right.segment(c * images_, images_) = share * weighted.cwiseProduct(pull).rowwise().sum().cast<double>();
-    for (int d = 0; d < 3; ++d)
-      normal.block(c * images_, d * images_, images_, images_).diagonal().array() += precision(c, d);
   }
   const VectorXd solution = solve_symmetric(normal, right);
   MatrixXd gains = Eigen::Map<const MatrixXd>(solution.data(), images_, 3);
   gains.rowwise() -= gains.colwise().mean().eval();
+  return gains;
+}
+
+/// Gains [images × 3] once more, by Gaussian processes: each principal direction of the pixels' series
+/// follows from the lights by a covariance that is smooth over the map, and has detail and noise of its own,
+/// of the size that makes it most likely (Rasmussen and Williams 2006, chapter 5). Directions that the lights
+/// tell well count more, and what pixels have in common counts once. Pixels taken for independent, as in
+/// solve_gains(), take the changes of the transport that they share for gains.
+MatrixXd RigEstimation::refined_gains(double expected_common, double expected_balance) const {
+  constexpr Index max_directions = 20;  // more hold noise
+  constexpr int rounds = 3;
+  constexpr std::array details{1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0};  // variance, 1: of what is smooth
+  const auto count = static_cast<double>(images_);
+  const MatrixXd prior = gain_prior(images_, expected_common, expected_balance);
+  const std::vector<Place> places = bright_places(pixels_for_gains);
+  std::array<SymmetricEigen, 3> smooth;
+  std::array<MatrixXd, 3> scaled;  // to the brightness of the light
+  for (int c = 0; c < 3; ++c) {
+    VectorXd brightness;
+    smooth[c] = symmetric_eigen(predictors_.smooth_gram(c, model_.tone[c], brightness));
+    scaled[c] = brightness.cwiseInverse().asDiagonal() * series(c, places).cast<double>();
+  }
+  MatrixXd gains = MatrixXd::Zero(images_, 3);
+  for (int round = 0; round < rounds; ++round) {
+    MatrixXd normal = prior;
+    VectorXd right = -prior * gains.reshaped();
+    for (int c = 0; c < 3; ++c) {
+      run_.throw_if_stopped();
+      MatrixXd pixels = (1.0 - gains.col(c).array()).matrix().asDiagonal() * scaled[c];
+      pixels.array().rowwise() /= pixels.colwise().norm().array() + 1e-20;
+      const MatrixXd along =
+          symmetric_eigen(pixels * pixels.transpose()).vectors.rightCols(std::min(max_directions, images_));
+      const MatrixXd powers = (smooth[c].vectors.transpose() * along).cwiseAbs2();
+      const auto precisions = [&](double detail) {
+        return VectorXd((smooth[c].values.array().max(0.0) + detail).inverse());
+      };
+      std::array<std::vector<Index>, details.size()> of_detail;
+      for (Index k = 0; k < along.cols(); ++k) {
+        const auto likelihood = [&](double detail) {
+          const VectorXd by = precisions(detail);
+          return by.array().log().sum() - count * std::log(by.dot(powers.col(k)));
+        };
+        of_detail[static_cast<std::size_t>(std::ranges::max_element(details, {}, likelihood) -
+                                           details.begin())]
+            .push_back(k);
+      }
+      for (std::size_t i = 0; i < details.size(); ++i) {
+        if (of_detail[i].empty()) continue;
+        const VectorXd by = precisions(details[i]);
+        const MatrixXd inverse = smooth[c].vectors * by.asDiagonal() * smooth[c].vectors.transpose();
+        MatrixXd values = along(Eigen::all, of_detail[i]);
+        const VectorXd variance = powers(Eigen::all, of_detail[i]).transpose() * by / count;
+        values *= variance.cwiseSqrt().cwiseInverse().asDiagonal();
+        const MatrixXd pull = inverse * values;
+        // The gain is seen where the others predict a sample: what it shows besides is noise.
+        const MatrixXd predicted = values - inverse.diagonal().cwiseInverse().asDiagonal() * pull;
+        normal.block(c * images_, c * images_, images_, images_) +=
+            inverse.cwiseProduct(predicted * predicted.transpose());
+        right.segment(c * images_, images_) += predicted.cwiseProduct(pull).rowwise().sum();
+      }
+    }
+    gains += solve_symmetric(normal, right).reshaped(images_, 3);
+    gains.rowwise() -= gains.colwise().mean().eval();
+  }
   return gains;
 }
 
