@@ -421,7 +421,11 @@ void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
 }
 
 void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
-  if (fitted.kernels.boxes.empty()) return;
+  move_edges(pixel, fitted);
+  for (int k = 0; k < tuning_.split_rounds && split_boxes(pixel, fitted); ++k) move_edges(pixel, fitted);
+}
+
+void BlockFitter::move_edges(const Pixel& pixel, Fitted& fitted) {
   const EdgeSteps steps =
       effort_for(pixel, fitted.kernels) == Effort::full ? EdgeSteps::to_the_texel : EdgeSteps::coarse;
   const int smooth_class = fitted.choice.smooth_class;
@@ -434,6 +438,65 @@ void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
     current = std::move(moved);
   }
   if (current.squared_residual < fitted.kernels.squared_residual) fitted.kernels = std::move(current);
+}
+
+bool BlockFitter::split_boxes(const Pixel& pixel, Fitted& fitted) {
+  if (!matters(pixel, fitted.kernels, tuning_.split_error)) return false;
+  const int smooth_class = fitted.choice.smooth_class;
+  const int max_boxes = max_kernels_ - (smooth_.classes()[smooth_class].smooth ? smooth_.hats() : 0);
+  const int measured = pixel.samples.count_sum();
+  const double penalty = search_penalty_for(pixel.samples);
+  std::vector<Box> boxes = fitted.kernels.boxes;
+  PixelKernels current = weighted_.fit(boxes, smooth_class, pixel.samples, pixel.noise_kept);
+  double best_criterion = criterion_of(current, measured, penalty);
+  bool was_split = false;
+  for (int unrewarded = 0; unrewarded < tuning_.split_patience;) {
+    boxes = current.boxes;
+    if (static_cast<int>(boxes.size()) >= max_boxes) break;
+    PixelKernels halves, parents = current;
+    parents.boxes.push_back({0, 0, cache_.table().domain().width, cache_.table().domain().height});
+    parents.weights.insert(parents.weights.end(), 3, std::numeric_limits<float>::min());
+    const std::size_t parent = best_split(parents, halves);
+    if (parent > boxes.size()) break;
+    boxes.resize(std::max(boxes.size(), parent + 1));
+    const auto moved = refine_edges(cache_.table(), halves, weighted_.residual(), EdgeSteps::to_the_texel);
+    boxes[parent] = moved[0];
+    boxes.push_back(moved[1]);
+    PixelKernels next = weighted_.fit(boxes, smooth_class, pixel.samples, pixel.noise_kept);
+    if (!(next.squared_residual < current.squared_residual)) break;
+    current = std::move(next);
+    const double criterion = criterion_of(current, measured, penalty);
+    ++unrewarded;
+    if (!(criterion < best_criterion)) continue;
+    best_criterion = criterion;
+    fitted.kernels = current;
+    was_split = true;
+    unrewarded = 0;
+  }
+  return was_split;
+}
+
+std::size_t BlockFitter::best_split(const PixelKernels& kernels, PixelKernels& halves) {
+  std::size_t parent = kernels.boxes.size();
+  double best_gain = 0.0;
+  for (std::size_t k = 0; k < kernels.boxes.size(); ++k)
+    for (Split& split : cache_.splits(kernels.boxes[k])) {
+      double gain = 0.0;
+      for (int c = 0; c < 3; ++c) {
+        if (!(kernels.weights[3 * k + c] > 0.0f)) continue;
+        cache_.make(split, c);
+        float product = 0.0f;
+        dots(weighted_.residual().data() + c * stride_, &split.direction[c], 1, stride_, &product);
+        if (split.norm2[c] > 0.0f) gain += static_cast<double>(product) * product / split.norm2[c];
+      }
+      if (!(gain > best_gain)) continue;
+      best_gain = gain;
+      parent = k;
+      halves.boxes = {split.first, split.second};
+    }
+  if (parent < kernels.boxes.size())
+    for (int i = 0; i < 6; ++i) halves.weights.push_back(kernels.weights[3 * parent + i % 3]);
+  return parent;
 }
 
 std::vector<int> BlockFitter::channels_to_search(const std::vector<Pixel*>& pixels) const {

@@ -117,8 +117,15 @@ class BlockFitter {
   /// For a pixel that lacks samples: prunes the rectangles found and those of the tree that sees only what
   /// was measured, down to what the information criterion bears, in exact fits to the measured samples.
   void prune_with_gaps(const Pixel& pixel, Fitted& fitted);
-  /// Moves the edges of the rectangles to where they fit best.
+  /// Moves the edges of the rectangles to where they fit best, and splits rectangles where that pays.
   void refine(const Pixel& pixel, Fitted& fitted);
+  void move_edges(const Pixel& pixel, Fitted& fitted);
+  /// Splits rectangles of a pixel whose error matters, or the whole map beside them, as far as the
+  /// information criterion rewards, and moves the edges of the parts. Returns whether it split any.
+  bool split_boxes(const Pixel& pixel, Fitted& fitted);
+  /// The rectangle whose split explains most of the residual of weighted_'s last fit; their number for none.
+  /// `halves`: its parts, with its weights.
+  std::size_t best_split(const PixelKernels& kernels, PixelKernels& halves);
 
   /// Channels that a tree is grown from: the brightest where its samples are enough, or all.
   std::vector<int> channels_to_search(const std::vector<Pixel*>& pixels) const;

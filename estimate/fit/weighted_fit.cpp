@@ -69,6 +69,13 @@ PixelKernels WeightedFit::fit(std::span<const Box> boxes, int smooth_class, cons
   return kernels;
 }
 
+double criterion_of(const PixelKernels& kernels, int measured, double search_penalty) {
+  const auto parameters = std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
+  return information_criterion(kernels.squared_residual, kernels.squared_samples, measured,
+                               static_cast<int>(parameters)) +
+         search_penalty * static_cast<double>(kernels.boxes.size());
+}
+
 namespace {
 
 /// Coarse steps end at this part of a rectangle's longer side.
@@ -222,8 +229,6 @@ void GapFiller::fill_in(const MaskedSamples& samples, const AlignedFloats& predi
 GapFiller::Pruned GapFiller::prune(const std::vector<Box>& all, int found_class, const MaskedSamples& samples,
                                    double search_penalty, const std::array<double, 3>& noise_kept,
                                    WeightedFit& weighted) const {
-  const double squared = samples.squared_sum();
-  const int measured = samples.count_sum();
   Pruned best;
   best.criterion = std::numeric_limits<double>::infinity();
   for (const int smooth_class : {found_class, smooth_.class_without()}) {
@@ -231,11 +236,8 @@ GapFiller::Pruned GapFiller::prune(const std::vector<Box>& all, int found_class,
     std::vector<Box> boxes = all;
     while (true) {
       PixelKernels kernels = weighted.fit(boxes, smooth_class, samples, noise_kept);
-      const auto parameters = std::ranges::count_if(kernels.weights, [](float w) { return w > 0.0f; });
-      const double criterion =
-          information_criterion(kernels.squared_residual, squared, measured, static_cast<int>(parameters)) +
-          search_penalty * static_cast<double>(kernels.boxes.size()) +
-          smooth_.classes()[smooth_class].log_determinant;
+      const double criterion = criterion_of(kernels, samples.count_sum(), search_penalty) +
+                               smooth_.classes()[smooth_class].log_determinant;
       boxes = kernels.boxes;
       const std::size_t dimmest_box = dimmest(kernels);
       if (criterion < best.criterion) best = {std::move(kernels), smooth_class, criterion};

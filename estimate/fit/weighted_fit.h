@@ -32,6 +32,9 @@ class WeightedFit {
   NnlsSolver nnls_;
 };
 
+/// BIC of a fit, and `search_penalty` per rectangle; without the evidence of its smooth part.
+double criterion_of(const PixelKernels& kernels, int measured, double search_penalty);
+
 /// How far edges are moved: to the texel, or once and to a small part of the rectangle's own size.
 enum class EdgeSteps { to_the_texel, coarse };
 

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 
 #include "core/base/rng.h"
+#include "estimate/fit/fit_block.h"
 #include "tests/support/synthetic_capture.h"
 
 namespace refield {
@@ -96,6 +97,45 @@ TEST(SelectKernels, AHighlightOnASmoothPixelTakesHatsAndABox) {
   EXPECT_TRUE(grown.space.classes()[choice.smooth_class].smooth);
   EXPECT_GE(choice.boxes.size(), 1u);
   EXPECT_LE(choice.boxes.size(), 5u) << "no more than 25 kernels with the hats";
+}
+
+/// Relative error on the samples of a pixel that sees two small spots, far apart, under lights of random
+/// cells of 4×4 texels, of which a large rectangle around a spot tells little.
+double error_of_two_spots(const FitTuning& tuning) {
+  constexpr int images = 60, width = 64, height = 48, cell = 4;
+  std::vector<LightMap> lights;
+  for (int j = 0; j < images; ++j) {
+    Rng rng(3, j);
+    std::vector<float> levels;
+    for (int k = 0; k < width / cell * (height / cell) * 3; ++k)
+      levels.push_back(rng.uniform() < 0.5 ? 0.0f : 1.0f);
+    LightMap& light = lights.emplace_back(LightMap{Image(width, height, 3, 0.0f), Parameterisation::monitor});
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x)
+        for (int c = 0; c < 3; ++c)
+          light.radiance.at(x, y, c) = levels[3 * (y / cell * (width / cell) + x / cell) + c];
+  }
+  const BoxTable table(lights, hat_grid_for(lights[0].domain(), 64));
+  const SmoothSpace space(table);
+  KernelCache cache(table, space, EstimateMode::refined);
+  AlignedFloats values(3 * table.stride(), 0.0f), column(3 * table.stride());
+  for (const Box& box : {Box{9, 20, 13, 24}, Box{47, 22, 51, 25}}) {
+    table.column(box, column.data());
+    std::ranges::transform(values, column, values.begin(), std::plus<>());
+  }
+  Rng rng(4);
+  for (float& b : values) b *= static_cast<float>(1.0 + 0.005 * rng.normal());
+  const float* b = values.data();
+  const std::vector<PixelSamples> samples = {{b, b + table.stride(), b + 2 * table.stride()}};
+  const auto kernels = BlockFitter(cache, 64, 0.0, tuning).fit(samples, 1);
+  return std::sqrt(kernels[0].squared_residual / kernels[0].squared_samples);
+}
+
+TEST(SelectKernels, SplitsFindSpotsThatTheTreeMisses) {
+  FitTuning tuning;
+  EXPECT_LT(error_of_two_spots(tuning), 0.006) << "noise is 0.005";
+  tuning.split_rounds = 0;
+  EXPECT_GT(error_of_two_spots(tuning), 0.1) << "the tree finds them; the test shows nothing";
 }
 
 TEST(SelectKernels, NoiseAloneTakesNothing) {
