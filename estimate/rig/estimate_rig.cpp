@@ -219,6 +219,9 @@ constexpr double max_share_of_lights = 0.5;
 /// that varies by 1.2 % .0083 and .0088; its correction takes 18 % off the error of the whole picture under
 /// bars. A camera that walks at random leaves more than .008 without any.
 constexpr double min_balance_gain = 0.05, min_balance = 0.006, min_balance_of_moving = 0.0095;
+/// Of a drift of the brightness: squares of its coefficients by their covariance, in one channel, and the
+/// largest deviation. Undisturbed captures show 1 to 12, a drift of 3 % in 100 photographs 200 and more.
+constexpr double min_drift_evidence = 30.0, min_drift = 0.003;
 /// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
 /// 0.
 /// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
@@ -362,6 +365,7 @@ class RigEstimation {
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   MatrixXd refined_gains(double expected_common, double expected_balance) const;
+  bool estimate_drift();
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
   double share_of_lights(const MatrixXd& gains, const std::array<MatrixXf, 3>& y) const;
   double own_share(const std::array<MatrixXf, 3>& y, int first, int last) const;
@@ -377,6 +381,7 @@ class RigEstimation {
   std::vector<Tile> original_, current_;
   bool has_ambient_ = false;
   bool assumes_dark_ = false;  // that the photograph with the least room light has none
+  double drift_ = 0.0;         // of the brightness, from the first photograph to the last
   double room_scale_ = 1.0;    // multiples of the room picture in one of a picture as bright as the scene
   std::vector<Place> places_;  // bright pixels, spread over the tiles; channel 0
   std::array<MatrixXf, 3> leave_one_out_;
@@ -1279,6 +1284,69 @@ double RigEstimation::share_of_lights(const MatrixXd& gains, const std::array<Ma
   return 1.0 - residual / 3.0;
 }
 
+/// A drift of each channel's brightness over the photographs in their order, as of a monitor that
+/// warms up: polynomials of three degrees, distinguished from room light that drifts. All photographs measure
+/// them, so that they are known ten times as well as the gain of one. Returns whether there is one.
+bool RigEstimation::estimate_drift() {
+  constexpr Index degrees = 3;
+  const auto polynomials = [&](double j) {  // of Legendre, over the capture
+    const double t = 2.0 * j / std::max(1, frames_ - 1) - 1.0;
+    return Eigen::RowVector3d(t, 0.5 * (3.0 * t * t - 1.0), 0.5 * (5.0 * t * t - 3.0) * t);
+  };
+  MatrixXd path(images_, degrees);
+  for (Index i = 0; i < images_; ++i) path.row(i) = polynomials(static_cast<double>(chosen_[i]));
+  const std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
+  const RoomPicture scene = room_picture(y);
+  Eigen::Matrix3d with_room, alone;  // [degrees × channels]
+  double evidence = 0.0, evidence_of_room = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const MatrixXf& a = leave_one_out_[c];
+    MatrixXf residual = a * y[c];
+    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).rsqrt();
+    residual *= weights.asDiagonal();
+    std::array<MatrixXf, 2 * degrees> columns;
+    for (Index k = 0; k < degrees; ++k) {
+      const Eigen::VectorXf along = path.col(k).cast<float>();
+      columns[k] = a * (along.asDiagonal() * y[c] * weights.asDiagonal());
+      columns[degrees + k] = a * along * scene[c].cwiseProduct(weights).transpose();
+    }
+    MatrixXd normal(2 * degrees, 2 * degrees), scores(images_, 2 * degrees);
+    VectorXd right(2 * degrees);
+    for (Index i = 0; i < 2 * degrees; ++i) {
+      right[i] = columns[i].cwiseProduct(residual).sum();
+      for (Index k = 0; k < 2 * degrees; ++k) normal(i, k) = columns[i].cwiseProduct(columns[k]).sum();
+    }
+    const MatrixXd inverse = ridge_inverse(normal, 1e-6 * normal.trace());
+    const VectorXd both = inverse * right;
+    for (Index k = 0; k < 2 * degrees; ++k) residual -= static_cast<float>(both[k]) * columns[k];
+    // Errors of the predictor are common to the pixels of a photograph, and differ between photographs.
+    for (Index k = 0; k < 2 * degrees; ++k)
+      scores.col(k) = columns[k].cwiseProduct(residual).rowwise().sum().cast<double>();
+    const MatrixXd covariance = inverse * (scores.transpose() * scores) * inverse;
+    const auto clear = [&](Index first) {
+      const Eigen::Vector3d part = both.segment<degrees>(first);
+      return part.dot(Eigen::Matrix3d(covariance.block<degrees, degrees>(first, first)).inverse() * part);
+    };
+    evidence = std::max(evidence, clear(0));
+    evidence_of_room = std::max(evidence_of_room, clear(degrees));
+    with_room.col(c) = both.head<degrees>();
+    alone.col(c) =
+        Eigen::Matrix3d(normal.topLeftCorner<degrees, degrees>()).inverse() * right.head<degrees>();
+  }
+  const Eigen::Matrix3d& found = evidence_of_room < min_drift_evidence ? alone : with_room;
+  const MatrixXd drift = path * found;
+  drift_ = 0.0;
+  if (evidence < min_drift_evidence || drift.cwiseAbs().maxCoeff() < min_drift ||
+      share_of_lights(drift, y) > max_share_of_lights)
+    return false;
+  drift_ = ((polynomials(frames_ - 1) - polynomials(0)) * found).cwiseAbs().maxCoeff();
+  model_.gain.resize(static_cast<std::size_t>(frames_));
+  for (int j = 0; j < frames_; ++j)
+    Eigen::RowVector3d::Map(model_.gain[static_cast<std::size_t>(j)].data()) =
+        (1.0 - (polynomials(j) * found).array()).inverse();
+  return true;
+}
+
 /// Gains of each photograph and channel, and room light, which changes along a path. Both change the
 /// brightness: room light is taken where its few parameters explain as much.
 bool RigEstimation::estimate_brightness() {
@@ -1290,6 +1358,7 @@ bool RigEstimation::estimate_brightness() {
   model_.gain.clear();
   model_.room.clear();
   prepare();
+  if (estimate_drift()) prepare();
   std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
   const RoomPicture scene = room_picture(y);
   const double start = criterion_of(y);
@@ -1352,10 +1421,9 @@ bool RigEstimation::estimate_brightness() {
     gain = refined_gains(gains ? expected_common : no_balance, expected_balance);
     if (!balances) gain = common_of(gain);
     if (!gains) gain -= common_of(gain);
-    model_.gain.assign(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});
+    model_.gain.resize(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});  // which a drift has set
     for (Index i = 0; i < images_; ++i)
-      for (int c = 0; c < 3; ++c)
-        model_.gain[static_cast<std::size_t>(chosen_[i])][c] = 1.0 / (1.0 - gain(i, c));
+      for (int c = 0; c < 3; ++c) model_.gain[static_cast<std::size_t>(chosen_[i])][c] /= 1.0 - gain(i, c);
   }
   prepare();
   if (gain_before.size() != model_.gain.size() || room_before.size() != model_.room.size()) return true;
@@ -1565,6 +1633,11 @@ RigReport RigEstimation::report() const {
   for (const auto& gain : model_.gain)
     for (const double of : gain) most = std::max(most, std::abs(of - 1.0));
   std::snprintf(text, sizeof text, "the brightness of photographs is off by up to %.1f %%", 100.0 * most);
+  if (drift_ > 0.0)
+    std::snprintf(text, sizeof text,
+                  "the brightness of photographs is off by up to %.1f %%, and drifted by %.1f %% from the "
+                  "first to the last",
+                  100.0 * most, 100.0 * drift_);
   add("gain", !model_.gain.empty(), most, model_.gain.empty() ? "photographs are equally exposed" : text);
   most = 0.0;
   for (const double room : model_.room) most = std::max(most, std::abs(room));

@@ -411,6 +411,34 @@ TEST(Rig, WhiteBalanceOfEachPhotographIsFound) {
   }
 }
 
+/// A monitor that warms up: each channel by its own amount, along a curve.
+TEST(Rig, ADriftOfTheBrightnessIsFollowed) {
+  WavyCapture capture(80);
+  for (int j = 0; j < 80; ++j) {
+    const double t = j / 79.0;
+    capture.gain[j] = {1.0 + 0.03 * t, 1.0 + 0.05 * t * t, 1.0};
+  }
+  const RigReport report = capture.report();
+  ASSERT_EQ(report.model.gain.size(), 80u);
+  EXPECT_TRUE(report.model.room.empty());
+  for (int c = 0; c < 3; ++c)
+    for (const int j : {40, 79}) {
+      const double found = report.model.gain[j][c] / report.model.gain[0][c];
+      EXPECT_NEAR(found, capture.gain[j][c] / capture.gain[0][c], 0.004) << j << " " << c;
+    }
+  const auto finding = std::ranges::find(report.findings, "gain", &RigFinding::effect);
+  EXPECT_THAT(finding->measured, testing::HasSubstr("drifted by"));
+}
+
+TEST(Rig, RoomLightThatGrowsIsNoDriftOfTheBrightness) {
+  WavyCapture capture(80);
+  for (int j = 0; j < 80; ++j) capture.room[j] = 0.06 * j / 79.0;
+  const RigReport report = capture.report();
+  EXPECT_TRUE(report.model.gain.empty());
+  ASSERT_EQ(report.model.room.size(), 80u);
+  EXPECT_NEAR(report.model.room[79] - report.model.room[0], 0.06, 0.015);
+}
+
 TEST(Rig, ColouredLightThatIsGreyTellsNothingOfMixing) {
   WavyCapture capture(60);
   for (LightMap& light : capture.lights())
