@@ -365,7 +365,7 @@ class RigEstimation {
   MatrixXd solve_gains(const std::array<MatrixXf, 3>& y, double expected_common,
                        double expected_balance) const;
   MatrixXd refined_gains(double expected_common, double expected_balance) const;
-  bool estimate_drift();
+  bool estimate_drift(const std::array<MatrixXf, 3>& y, const RoomPicture& scene);
   double criterion_of(const std::array<MatrixXf, 3>& y) const;
   double share_of_lights(const MatrixXd& gains, const std::array<MatrixXf, 3>& y) const;
   double own_share(const std::array<MatrixXf, 3>& y, int first, int last) const;
@@ -1287,7 +1287,7 @@ double RigEstimation::share_of_lights(const MatrixXd& gains, const std::array<Ma
 /// A drift of each channel's brightness over the photographs in their order, as of a monitor that
 /// warms up: polynomials of three degrees, distinguished from room light that drifts. All photographs measure
 /// them, so that they are known ten times as well as the gain of one. Returns whether there is one.
-bool RigEstimation::estimate_drift() {
+bool RigEstimation::estimate_drift(const std::array<MatrixXf, 3>& y, const RoomPicture& scene) {
   constexpr Index degrees = 3;
   const auto polynomials = [&](double j) {  // of Legendre, over the capture
     const double t = 2.0 * j / std::max(1, frames_ - 1) - 1.0;
@@ -1295,8 +1295,6 @@ bool RigEstimation::estimate_drift() {
   };
   MatrixXd path(images_, degrees);
   for (Index i = 0; i < images_; ++i) path.row(i) = polynomials(static_cast<double>(chosen_[i]));
-  const std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
-  const RoomPicture scene = room_picture(y);
   Eigen::Matrix3d with_room, alone;  // [degrees × channels]
   double evidence = 0.0, evidence_of_room = 0.0;
   for (int c = 0; c < 3; ++c) {
@@ -1358,9 +1356,13 @@ bool RigEstimation::estimate_brightness() {
   model_.gain.clear();
   model_.room.clear();
   prepare();
-  if (estimate_drift()) prepare();
   std::array<MatrixXf, 3> y{series(0), series(1), series(2)};
-  const RoomPicture scene = room_picture(y);
+  RoomPicture scene = room_picture(y);
+  if (estimate_drift(y, scene)) {
+    prepare();
+    y = {series(0), series(1), series(2)};
+    scene = room_picture(y);
+  }
   const double start = criterion_of(y);
   // Room light: its changes by the joint solution, its mean by the constants that pixels have.
   std::array<MatrixXf, 3> dark = y;
