@@ -1416,13 +1416,13 @@ bool RigEstimation::estimate_brightness() {
   gain = solve_gains(y, expected_common, expected_balance);
   common = common_of(gain);
   if (!balances) gain = common;
-  const bool gains = corrected(gain - common) - corrected(gain) > min_gain_gain &&
-                     size_of(common) > min_gain && (balances || own_share(y, 0, 3) > min_own_share);
-  if (!gains) gain -= common;
-  if ((gains || balances) && share_of_lights(gain, y) < max_share_of_lights) {
-    gain = refined_gains(gains ? expected_common : no_balance, expected_balance);
+  // Channels that vary by themselves have a mean that varies, too.
+  const bool gains = balances || (corrected(gain - common) - corrected(gain) > min_gain_gain &&
+                                  size_of(common) > min_gain && own_share(y, 0, 3) > min_own_share);
+  if (gains && share_of_lights(gain, y) < max_share_of_lights) {
+    constexpr double free = 2.0;  // of a prior: hardly holds back what these tell better
+    gain = refined_gains(expected_common, balances ? free * expected_balance : no_balance);
     if (!balances) gain = common_of(gain);
-    if (!gains) gain -= common_of(gain);
     model_.gain.resize(static_cast<std::size_t>(frames_), {1.0, 1.0, 1.0});  // which a drift has set
     for (Index i = 0; i < images_; ++i)
       for (int c = 0; c < 3; ++c) model_.gain[static_cast<std::size_t>(chosen_[i])][c] /= 1.0 - gain(i, c);
@@ -1474,22 +1474,23 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
 }
 
 /// Gains [images × 3] once more, by Gaussian processes: each principal direction of the pixels' series
-/// follows from the lights by a covariance that is smooth over the map, and has detail and noise of its own,
-/// of the size that makes it most likely (Rasmussen and Williams 2006, chapter 5). Directions that the lights
+/// follows from the lights by a covariance over the map, smooth or with more detail, and has noise of its
+/// own, those that make it most likely (Rasmussen and Williams 2006, chapter 5). Directions that the lights
 /// tell well count more, and what pixels have in common counts once. Pixels taken for independent, as in
 /// solve_gains(), take the changes of the transport that they share for gains.
 MatrixXd RigEstimation::refined_gains(double expected_common, double expected_balance) const {
-  constexpr Index max_directions = 20;  // more hold noise
-  constexpr int rounds = 3;
-  constexpr std::array details{1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0};  // variance, 1: of what is smooth
+  constexpr Index max_directions = 20;                                   // more hold noise
+  constexpr int rounds = 3;                                              // more take the noise for gains
+  constexpr std::array noises{1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0};  // variance, 1: of what is smooth
   const auto count = static_cast<double>(images_);
   const MatrixXd prior = gain_prior(images_, expected_common, expected_balance);
   const std::vector<Place> places = bright_places(pixels_for_gains);
-  std::array<SymmetricEigen, 3> smooth;
+  std::array<std::vector<SymmetricEigen>, 3> covariances;
   std::array<MatrixXd, 3> scaled;  // to the brightness of the light
   for (int c = 0; c < 3; ++c) {
     VectorXd brightness;
-    smooth[c] = symmetric_eigen(predictors_.smooth_gram(c, model_.tone[c], brightness));
+    for (const MatrixXd& gram : predictors_.smooth_grams(c, model_.tone[c], brightness))
+      covariances[c].push_back(symmetric_eigen(gram));
     scaled[c] = brightness.cwiseInverse().asDiagonal() * series(c, places).cast<double>();
   }
   MatrixXd gains = MatrixXd::Zero(images_, 3);
@@ -1502,33 +1503,30 @@ MatrixXd RigEstimation::refined_gains(double expected_common, double expected_ba
       pixels.array().rowwise() /= pixels.colwise().norm().array() + 1e-20;
       const MatrixXd along =
           symmetric_eigen(pixels * pixels.transpose()).vectors.rightCols(std::min(max_directions, images_));
-      const MatrixXd powers = (smooth[c].vectors.transpose() * along).cwiseAbs2();
-      const auto precisions = [&](double detail) {
-        return VectorXd((smooth[c].values.array().max(0.0) + detail).inverse());
-      };
-      std::array<std::vector<Index>, details.size()> of_detail;
-      for (Index k = 0; k < along.cols(); ++k) {
-        const auto likelihood = [&](double detail) {
-          const VectorXd by = precisions(detail);
-          return by.array().log().sum() - count * std::log(by.dot(powers.col(k)));
-        };
-        of_detail[static_cast<std::size_t>(std::ranges::max_element(details, {}, likelihood) -
-                                           details.begin())]
-            .push_back(k);
+      VectorXd likelihood = VectorXd::Constant(along.cols(), -std::numeric_limits<double>::infinity());
+      std::vector<std::pair<const SymmetricEigen*, VectorXd>> best(static_cast<std::size_t>(along.cols()));
+      for (const SymmetricEigen& covariance : covariances[c]) {
+        const MatrixXd powers = (covariance.vectors.transpose() * along).cwiseAbs2();
+        for (const double noise : noises) {
+          const VectorXd by = (covariance.values.array().max(0.0) + noise).inverse();
+          for (Index k = 0; k < along.cols(); ++k) {
+            const double variance = by.dot(powers.col(k)) / count;
+            const double now = by.array().log().sum() - count * std::log(variance);
+            if (now <= likelihood[k]) continue;
+            likelihood[k] = now;
+            best[static_cast<std::size_t>(k)] = {&covariance, by / variance};
+          }
+        }
       }
-      for (std::size_t i = 0; i < details.size(); ++i) {
-        if (of_detail[i].empty()) continue;
-        const VectorXd by = precisions(details[i]);
-        const MatrixXd inverse = smooth[c].vectors * by.asDiagonal() * smooth[c].vectors.transpose();
-        MatrixXd values = along(Eigen::all, of_detail[i]);
-        const VectorXd variance = powers(Eigen::all, of_detail[i]).transpose() * by / count;
-        values *= variance.cwiseSqrt().cwiseInverse().asDiagonal();
-        const MatrixXd pull = inverse * values;
+      for (Index k = 0; k < along.cols(); ++k) {
+        const auto& [covariance, by] = best[static_cast<std::size_t>(k)];
+        const MatrixXd inverse = covariance->vectors * by.asDiagonal() * covariance->vectors.transpose();
+        const VectorXd pull = inverse * along.col(k);
         // The gain is seen where the others predict a sample: what it shows besides is noise.
-        const MatrixXd predicted = values - inverse.diagonal().cwiseInverse().asDiagonal() * pull;
+        const VectorXd predicted = along.col(k) - pull.cwiseQuotient(inverse.diagonal());
         normal.block(c * images_, c * images_, images_, images_) +=
             inverse.cwiseProduct(predicted * predicted.transpose());
-        right.segment(c * images_, images_) += predicted.cwiseProduct(pull).rowwise().sum();
+        right.segment(c * images_, images_) += predicted.cwiseProduct(pull);
       }
     }
     gains += solve_symmetric(normal, right).reshaped(images_, 3);

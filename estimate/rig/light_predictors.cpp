@@ -131,24 +131,30 @@ Eigen::VectorXf LightPredictors::constants(int channel, double exponent, const M
   return (sums * series).transpose();
 }
 
-MatrixXd LightPredictors::smooth_gram(int channel, double exponent, VectorXd& brightness) const {
-  constexpr double length = 0.4;  // of the map's width
+std::vector<MatrixXd> LightPredictors::smooth_grams(int channel, double exponent,
+                                                    VectorXd& brightness) const {
+  constexpr double smooth = 0.5, detailed = 0.125;  // of the map's width
   const auto& of = lights_.of_channel[channel];
   const double e = exponent - 1.0;
   const MatrixXd lights = blurred(of[0] + e * of[1] + 0.5 * e * e * of[2], lights_.columns, lights_.rows,
                                   0.0)(chosen_, Eigen::all);
   const int columns = std::min(lights_.columns, coarse_columns);
-  MatrixXd covariance(lights.cols(), lights.cols());
-  for (int j = 0; j < covariance.cols(); ++j)
-    for (int i = 0; i < covariance.rows(); ++i) {
-      const double distance = std::hypot(i % columns - j % columns, i / columns - j / columns) / columns;
-      const double r = std::sqrt(3.0) * distance / length;
-      covariance(i, j) = (1.0 + r) * std::exp(-r);
-    }
-  const MatrixXd gram = lights * covariance * lights.transpose();
-  brightness = gram.diagonal().cwiseSqrt().cwiseMax(1e-20);
+  const auto gram = [&](double width) {
+    MatrixXd covariance(lights.cols(), lights.cols());
+    for (int j = 0; j < covariance.cols(); ++j)
+      for (int i = 0; i < covariance.rows(); ++i) {
+        const double distance = std::hypot(i % columns - j % columns, i / columns - j / columns) / columns;
+        covariance(i, j) = std::exp(-0.5 * distance * distance / (width * width));
+      }
+    return MatrixXd(lights * covariance * lights.transpose());
+  };
+  const MatrixXd of_smooth = gram(smooth), of_detailed = gram(detailed);
+  brightness = of_smooth.diagonal().cwiseSqrt().cwiseMax(1e-20);
   const auto normalise = brightness.cwiseInverse().asDiagonal();
-  return normalise * gram * normalise;
+  std::vector<MatrixXd> grams;
+  for (const double share : {0.0, 0.001, 0.01, 0.1, 1.0})
+    grams.emplace_back(normalise * (of_smooth + share * of_detailed) * normalise);
+  return grams;
 }
 
 void LightPredictors::blur(int first, int last) {

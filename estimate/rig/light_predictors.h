@@ -34,9 +34,10 @@ class LightPredictors {
   /// whatever the rig does slowly.
   Eigen::MatrixXf leave_one_out(int channel, double exponent, bool with_constant = true) const;
 
-  /// Of lights [images × images] under transport that is smooth over the map (Matérn's covariance 3/2), as
-  /// correlations; `brightness`: the square roots of the diagonal that it had.
-  Eigen::MatrixXd smooth_gram(int channel, double exponent, Eigen::VectorXd& brightness) const;
+  /// Of lights [images × images] under transport whose covariance over the map is a Gaussian, once smooth,
+  /// then with more and more detail besides. Over `brightness` squared: the square roots of the first one's
+  /// diagonal.
+  std::vector<Eigen::MatrixXd> smooth_grams(int channel, double exponent, Eigen::VectorXd& brightness) const;
 
   /// The constant of each series (column).
   Eigen::VectorXf constants(int channel, double exponent, const Eigen::MatrixXf& series) const;
