@@ -245,8 +245,10 @@ void PreparedEnvironment::add_measured(double azimuth, double above, std::int32_
 
 template <class Visit>
 void PreparedEnvironment::walk(const MapPoint& start, const MapPoint& end, const Visit& visit) const {
-  const auto& [a, at_a] = start;
-  const auto& [b, at_b] = end;
+  const Vector3d& a = start.direction;
+  const SourceTexel& at_a = start.texel;
+  const Vector3d& b = end.direction;
+  const SourceTexel& at_b = end.texel;
   const int width = map_->radiance.width;
   int columns = at_b.column - at_a.column;  // to cross, to the right
   if (2 * columns >= width) columns -= width;
@@ -455,8 +457,10 @@ void PathBatch<Sums>::add(const MapPoint& a, const MapPoint& b, Sums& sums) {
 
 template <class Sums>
 bool PathBatch<Sums>::add_short(const MapPoint& start, const MapPoint& end, Sums& sums) {
-  const auto& [a, at_a] = start;
-  const auto& [b, at_b] = end;
+  const Vector3d& a = start.direction;
+  const SourceTexel& at_a = start.texel;
+  const Vector3d& b = end.direction;
+  const SourceTexel& at_b = end.texel;
   if (has_vectors && !is_fine_) return false;
   constexpr double max_squared_length = 4e-3;
   constexpr double max_tangent = 0.06;  // of the azimuth of pieces, see measure_pieces()

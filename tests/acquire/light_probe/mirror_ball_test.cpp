@@ -76,7 +76,7 @@ TEST(MirrorBall, FindsTheImageOfEveryDirectionThatItShows) {
 
 TEST(MirrorBall, StatesItsResolution) {
   const MirrorBall ball = ball_at(0.3, 0.2, 5.0);
-  const auto [first, second] = tangents(ball.towards());
+  const Eigen::Vector3d first = tangents(ball.towards()).first;
   for (double gamma : {10.0, 60.0, 120.0, 150.0}) {
     const auto direction = [&](double degrees) -> Eigen::Vector3d {
       const double angle = radians_from_degrees(degrees);
