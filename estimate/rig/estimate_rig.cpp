@@ -1212,9 +1212,7 @@ RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<Matri
   for (int c = 0; c < 3; ++c) {
     const MatrixXf& a = leave_one_out_[c];
     const MatrixXf residual = a * y[c], squared = a.transpose() * a, pull = a.transpose() * residual;
-    const Eigen::VectorXf weights =
-        (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
-            .inverse();
+    const Eigen::VectorXf weights = inverse_powers(residual);
     const std::array<MatrixXf, 2> by{y[c], scene[c].transpose().replicate(images_, 1)};
     for (Index i = 0; i < parts; ++i) {
       const MatrixXf weighted = by[i] * weights.asDiagonal();
@@ -1224,7 +1222,7 @@ RigEstimation::Brightness RigEstimation::solve_brightness(const std::array<Matri
             squared.cwiseProduct(MatrixXf(weighted * by[k].transpose())).cast<double>();
     }
   }
-  const double share = independent_pixels / static_cast<double>(y[0].cols());
+  const double share = independent_pixels * static_cast<double>(images_) / static_cast<double>(y[0].cols());
   normal *= share;
   normal.diagonal().array() += 1.0 / (expected_gain * expected_gain);
   const MatrixXd covariance = inverse(normal);
@@ -1244,7 +1242,7 @@ double RigEstimation::own_share(const std::array<MatrixXf, 3>& y, int first, int
   MatrixXd seen = MatrixXd::Zero(images_, images_), crossed = seen;  // ⟨y_i, y_j⟩ and ⟨residual_i, y_j⟩
   for (int c = first; c < last; ++c) {
     const MatrixXf residual = leave_one_out_[c] * y[c];
-    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+    const Eigen::VectorXf weights = inverse_powers(residual);
     const MatrixXf weighted = y[c] * weights.asDiagonal();
     seen += MatrixXf(weighted * y[c].transpose()).cast<double>();
     crossed += MatrixXf(residual * weighted.transpose()).cast<double>();
@@ -1300,7 +1298,7 @@ bool RigEstimation::estimate_drift(const std::array<MatrixXf, 3>& y, const RoomP
   for (int c = 0; c < 3; ++c) {
     const MatrixXf& a = leave_one_out_[c];
     MatrixXf residual = a * y[c];
-    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).rsqrt();
+    const Eigen::VectorXf weights = inverse_powers(residual).cwiseSqrt();
     residual *= weights.asDiagonal();
     std::array<MatrixXf, 2 * degrees> columns;
     for (Index k = 0; k < degrees; ++k) {
@@ -1455,13 +1453,11 @@ MatrixXd RigEstimation::solve_gains(const std::array<MatrixXf, 3>& y, double exp
                                     double expected_balance) const {
   MatrixXd normal = gain_prior(images_, expected_common, expected_balance);
   VectorXd right(3 * images_);
-  const double share = independent_pixels / static_cast<double>(y[0].cols());
+  const double share = independent_pixels * static_cast<double>(images_) / static_cast<double>(y[0].cols());
   for (int c = 0; c < 3; ++c) {
     const MatrixXf& a = leave_one_out_[c];
     const MatrixXf residual = a * y[c], squared = a.transpose() * a, pull = a.transpose() * residual;
-    const Eigen::VectorXf weights =
-        (residual.colwise().squaredNorm().transpose().array() / static_cast<float>(images_) + 1e-20f)
-            .inverse();
+    const Eigen::VectorXf weights = inverse_powers(residual);
     const MatrixXf weighted = y[c] * weights.asDiagonal();
     normal.block(c * images_, c * images_, images_, images_) +=
         share * squared.cwiseProduct(MatrixXf(weighted * y[c].transpose())).cast<double>();
@@ -1544,7 +1540,7 @@ double RigEstimation::mean_room_light(const std::array<MatrixXf, 3>& y, const Ro
   for (int c = 0; c < 3; ++c) {
     const Eigen::VectorXf constants = predictors_.constants(c, model_.tone[c], y[c]);
     const MatrixXf residual = leave_one_out_[c] * y[c];
-    const Eigen::VectorXf weights = (residual.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+    const Eigen::VectorXf weights = inverse_powers(residual);
     product += weights.cwiseProduct(constants).dot(scene[c]);
     power += weights.cwiseProduct(scene[c]).dot(scene[c]);
     without[c] = predictors_.leave_one_out(c, model_.tone[c], false) * y[c];

@@ -177,6 +177,10 @@ MatrixXd LightPredictors::inverse(int channel, double exponent, bool with_consta
   return ridge_inverse(gram, all_ways[way_].ridge);
 }
 
+Eigen::VectorXf inverse_powers(const MatrixXf& residuals) {
+  return (residuals.colwise().squaredNorm().transpose().array() + 1e-20f).inverse();
+}
+
 double criterion(const MatrixXf& leave_one_out, const MatrixXf& series) {
   const MatrixXf residual = leave_one_out * series;
   double sum = 0.0;
@@ -188,8 +192,7 @@ double criterion(const MatrixXf& leave_one_out, const MatrixXf& series) {
 double agreement(const std::array<MatrixXf, 3>& before, const std::array<MatrixXf, 3>& after) {
   Eigen::ArrayXd gains = Eigen::ArrayXd::Zero(before[0].rows());
   for (int c = 0; c < 3; ++c) {
-    const Eigen::VectorXf weights =
-        (before[c].colwise().squaredNorm().array() + 1e-20f).inverse().transpose();
+    const Eigen::VectorXf weights = inverse_powers(before[c]);
     const MatrixXf old_squares = before[c].cwiseAbs2(), new_squares = after[c].cwiseAbs2();
     const Eigen::VectorXf old_power = old_squares * weights, new_power = new_squares * weights;
     gains += ((old_power.array() + 1e-12f) / (new_power.array() + 1e-12f)).log().cast<double>();

@@ -56,6 +56,9 @@ class LightPredictors {
   std::array<std::array<Eigen::MatrixXd, 3>, 3> blurred_;
 };
 
+/// Weights of pixels (columns) by their residuals: 1 ∕ the sum of squares.
+Eigen::VectorXf inverse_powers(const Eigen::MatrixXf& residuals);
+
 /// Mean over series (columns) of the logarithm of residual power over power.
 double criterion(const Eigen::MatrixXf& leave_one_out, const Eigen::MatrixXf& series);
 
