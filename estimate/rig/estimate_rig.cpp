@@ -224,9 +224,8 @@ constexpr double min_balance_gain = 0.05, min_balance = 0.006, min_balance_of_mo
 /// largest deviation. Undisturbed captures show 1 to 12, a drift of 3 % in 100 photographs 200 and more, a
 /// camera that creeps by .1 to .3 pixels under designed patterns, without any drift, 42 to 67.
 constexpr double min_drift_evidence = 30.0, min_drift_evidence_of_moving = 120.0, min_drift = 0.003;
-/// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
-/// 0.
-/// Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few photographs.
+/// Of agreement(). Undisturbed captures show less than 1.2. A jump shortly before the end is seen by few
+/// photographs.
 constexpr double min_agreement = 2.2, min_motion_agreement = 1.5;
 /// Of the criterion, by which motion is clear without. A creep of half a pixel gains .4.
 constexpr double clear_motion_gain = 0.1;
@@ -241,6 +240,8 @@ constexpr int min_lights_for_gains = 60;
 constexpr double min_room_agreement = 1.0;
 /// Below, pixels have none: natural light without room light shows -6.5 and -5.6.
 constexpr double no_room_agreement = -4.5;
+/// Of room light: mean share, standard deviation over the photographs, and gain. Undisturbed: .003, .001 and
+/// 0.
 constexpr double min_room = 0.008, min_room_change = 0.002, min_room_gain = 0.015;
 constexpr double room_floor = 0.001;
 /// Photographs of cycles-b and the tabletop of 128x96 pixels and more, moved back by .3 to .9 pixels, gain 10
