@@ -103,6 +103,14 @@ void summarise(const ReflectanceField& field, const EstimateJob& job, EstimateSu
   summary.learning_curve = field.quality.learning_curve;
 }
 
+std::optional<double> median_shared_error(std::span<const ErrorEvidence> evidence) {
+  std::vector<float> shared;
+  for (const ErrorEvidence& pixel : evidence)
+    if (std::isfinite(pixel.shared)) shared.push_back(pixel.shared);
+  if (shared.empty()) return std::nullopt;
+  return std::sqrt(std::max(0.0, quantile(std::move(shared), 0.5)));
+}
+
 /// The most memory that this program held. getrusage() would also count what started it held before.
 std::uint64_t peak_memory_bytes() {
   std::ifstream status("/proc/self/status");
@@ -210,6 +218,7 @@ EstimateSummary estimate_to_file(const CaptureSession& session, const EstimateOp
   FieldPart part{assembler.take(std::move(done.observed_light), std::move(done.light_error)), job.rows,
                  job.session.height, key, assembler.take_evidence()};
   const ReflectanceField& field = part.field;
+  summary.median_shared_error = median_shared_error(part.error_evidence);
   if (!options.rows && !assembler.has_weights()) {
     checkpoint.remove();
     refuse_empty(job, options, run);

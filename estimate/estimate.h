@@ -34,6 +34,7 @@ struct FrameReport {
 
 struct EstimateSummary : EstimateReport {
   FrameReport frames;
+  std::optional<double> median_shared_error;  ///< root of the median of ErrorEvidence::shared, where known
   std::vector<LearningPoint> learning_curve;  ///< error against the share of the images, where measured
 };
 

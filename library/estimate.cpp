@@ -120,7 +120,8 @@ void tell(EstimateSummary& summary, const fs::path& file, const EstimateOptions&
   if (verdict.state() != RigFinding::State::good) summary.verdict = verdict_table(verdict);
   log["check"] = verdict_json(verdict);
   const std::string unexplained = unexplained_error(
-      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise), verdict);
+      summary.median_training_error, summary.median_photograph_noise.value_or(summary.frames.noise),
+      summary.median_shared_error, verdict);
   if (!unexplained.empty()) log["unexplained_error"] = unexplained;
   if (summary.median_predicted_error)
     log.update({{"median_predicted_error", *summary.median_predicted_error},

@@ -83,6 +83,9 @@ struct ErrorEvidence {
   /// block.
   float from_half = std::numeric_limits<float>::quiet_NaN();
   float from_quarter = std::numeric_limits<float>::quiet_NaN();
+  /// Of `leave_one_out`, what the pixel to the left shares: the product of both residuals. Noise is not
+  /// shared, a wrong model is. NaN at the edges of tiles; files of parts leave it out.
+  float shared = std::numeric_limits<float>::quiet_NaN();
   std::uint32_t light_class = 0;  ///< of the field's LightErrorModel; FieldQuality keeps it
 };
 

@@ -234,10 +234,12 @@ void BandEstimator::gather_evidence(Rows& rows) const {
 void BandEstimator::leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& own) const {
   const BoxTable& table = input_.table;
   MaskedSamples masked;
-  AlignedFloats residuals(3 * table.stride());
+  AlignedFloats residuals(3 * table.stride()), left(residuals.size());
   for (int y = tile.y0; y < tile.y1; ++y) {
     run_.throw_if_stopped();
+    double squared_left = 0.0;  // samples of the pixel that `left` is of
     for (int x = tile.x0; x < tile.x1; ++x) {
+      const double squared_samples_left = std::exchange(squared_left, 0.0);
       PixelKernels& pixel = rows.at(x, y);
       // Without kernels, all of it is error; nothing is known of a channel without samples.
       if (!active(x, y) || !(pixel.squared_samples > 0.0)) continue;
@@ -246,6 +248,12 @@ void BandEstimator::leave_one_out(Rows& rows, const PixelTile& tile, FitWorker& 
       own.model.cache().keep_within(cache_limit_bytes);
       const double squared = own.evaluator.leave_one_out(pixel, own.model.cache(), masked, residuals.data());
       pixel.evidence.leave_one_out = static_cast<float>(squared / pixel.squared_samples);
+      if (squared_samples_left > 0.0)
+        pixel.evidence.shared =
+            static_cast<float>(std::inner_product(residuals.begin(), residuals.end(), left.begin(), 0.0) /
+                               std::sqrt(pixel.squared_samples * squared_samples_left));
+      left.swap(residuals);
+      squared_left = pixel.squared_samples;
       if (const auto noise = input_.band.squared_noise(x, y))
         pixel.evidence.noise = static_cast<float>(*noise / pixel.squared_samples);
       pixel.evidence.samples = static_cast<float>(masked.count_sum());

@@ -47,7 +47,8 @@ std::string verdict_table(const CaptureVerdict& verdict);
 Json verdict_json(const CaptureVerdict& verdict);
 
 /// That a training error is larger than noise explains, with the likely cause from the verdict; empty where
-/// it is not.
-std::string unexplained_error(double training_error, double noise, const CaptureVerdict& verdict);
+/// it is not. `shared_error` is the part of it that neighbouring pixels share, where that is known.
+std::string unexplained_error(double training_error, double noise, std::optional<double> shared_error,
+                              const CaptureVerdict& verdict);
 
 }  // namespace refield

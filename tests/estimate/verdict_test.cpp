@@ -27,7 +27,8 @@ TEST(Verdict, OfACaptureThatObeysTheModelIsGood) {
   EXPECT_EQ(verdict.state(), State::good);
   for (const VerdictRow& row : verdict.rows) EXPECT_THAT(row.remedy, IsEmpty()) << row.property;
   EXPECT_THAT(verdict_table(verdict), HasSubstr("check of 120 photographs: good"));
-  EXPECT_THAT(unexplained_error(0.02, 0.01, verdict), IsEmpty()) << "what rectangles cannot represent";
+  EXPECT_THAT(unexplained_error(0.02, 0.01, std::nullopt, verdict), IsEmpty())
+      << "what rectangles cannot represent";
 }
 
 TEST(Verdict, NamesWhatIsWrongAndWhatToDo) {
@@ -60,20 +61,25 @@ TEST(Verdict, ClippingCountsFromTwoSamplesInTenThousand) {
 
 TEST(Verdict, AnErrorThatNoiseDoesNotExplainNamesTheLikelyCause) {
   FrameReport report;
-  const std::string unknown = unexplained_error(0.5, 0.02, verdict_of(report, 60));
+  const std::string unknown = unexplained_error(0.5, 0.02, std::nullopt, verdict_of(report, 60));
   EXPECT_THAT(unknown, HasSubstr("training error of 50 %"));
   EXPECT_THAT(unknown, HasSubstr("each light map belongs to its photograph"));
   report.doubtful = {{"train_000", "differs", {}}, {"train_001", "differs", {}}};
-  EXPECT_THAT(unexplained_error(0.5, 0.02, verdict_of(report, 60)),
+  EXPECT_THAT(unexplained_error(0.5, 0.02, std::nullopt, verdict_of(report, 60)),
               HasSubstr("likely cause: outlier frames"));
-  EXPECT_THAT(unexplained_error(0.2, 0.199, verdict_of(report, 60)), IsEmpty()) << "noise alone";
+  EXPECT_THAT(unexplained_error(0.2, 0.199, std::nullopt, verdict_of(report, 60)), IsEmpty())
+      << "noise alone";
+  EXPECT_THAT(unexplained_error(0.041, 0.025, 0.0025, verdict_of(report, 60)), IsEmpty())
+      << "bright outliers";
+  EXPECT_THAT(unexplained_error(0.041, 0.025, 0.015, verdict_of(report, 60)), HasSubstr("4.1 %"));
 }
 
 TEST(Verdict, AFindingThatWasNotCorrectedIsToldWhateverTheError) {
   FrameReport report;
-  EXPECT_THAT(unexplained_error(0.012, 0.0, verdict_of(report, 60)), IsEmpty());
+  EXPECT_THAT(unexplained_error(0.012, 0.0, std::nullopt, verdict_of(report, 60)), IsEmpty());
   report.rig.findings = {{"tone", State::suspicious, 0.05, "exponents of 1.05", 0.1, 0.04}};
-  EXPECT_THAT(unexplained_error(0.012, 0.0, verdict_of(report, 60)), HasSubstr("not corrected: tone curve"));
+  EXPECT_THAT(unexplained_error(0.012, 0.0, std::nullopt, verdict_of(report, 60)),
+              HasSubstr("not corrected: tone curve"));
 }
 
 }  // namespace
