@@ -24,9 +24,9 @@ constexpr double much_noise = 0.1;
 // by an exponent of 1.05 leaves .012.
 constexpr double max_unexplained_error = 0.025;
 // Noise with bright outliers, as path tracers leave it, is larger than it is measured to be: .033 seem to be
-// left of an undisturbed capture. Neighbouring pixels share .0025 of that and of two captures with 1 and 2 %
-// of noise; with --rig off they share .010 of varying room light, .015 of the camera that creeps, .017 to
-// .033 of the other effects and .63 of wrong pairs.
+// left of an undisturbed capture. Neighbouring pixels share .0026 of that, and as much of two captures with 1
+// and 2 % of noise; with --rig off they share .011 of varying room light, .012 of a wrong tone curve, .017 to
+// .039 of other effects and .6 of wrong pairs.
 constexpr double min_shared_error = 0.006;
 
 std::string percent(double share) {
