@@ -185,7 +185,8 @@ constexpr double shift_floor_px = 0.005, min_motion_px = 0.03, min_turn_px = 0.0
 constexpr double min_mixing = 0.01, max_mixing = 0.8, min_exponent = 0.01;
 /// Mixing on which pixels do not agree is told from there: a light stage shows .02, 30 photographs of the
 /// tabletop with mixing of .1 show .15. It must not contradict them either: with an LED matrix of 64 sources
-/// and 40 photographs it shows .1 to .12, but the agreement is -1.6 to -.8; of the 30, 1.3 and more.
+/// and 40 photographs it shows .1 to .12, but the agreement is -1.6 to -.8; in a synthetic scene with mixing
+/// of .15 and 24 photographs it is 1.3 to 1.5.
 constexpr double min_doubtful_mixing = 0.05;
 /// Twice the logarithm of the likelihood, of one independent pixel, that mixing, a tone curve or room light
 /// must gain. Undisturbed captures gain up to .6, those with gains that are not yet known 1.6, a tone curve
