@@ -931,11 +931,11 @@ bool RigEstimation::estimate_motion(Motion kind, bool first) {
         path.kind = CapturePath::Kind::rest;
         return false;
       }
-    }
-    // Where single photographs tell little, the path is nearer.
-    if (step == 0 && first && !(measured.cwiseAbs().maxCoeff() < max_shift_px)) {
-      measured = path.values(chosen_, Eigen::all);
-      measured *= std::min(1.0, 0.9 * max_shift_px / measured.cwiseAbs().maxCoeff());
+      // Where single photographs tell little, the path is nearer.
+      if (!(measured.cwiseAbs().maxCoeff() < max_shift_px)) {
+        measured = path.values(chosen_, Eigen::all);
+        measured *= std::min(1.0, 0.9 * max_shift_px / measured.cwiseAbs().maxCoeff());
+      }
     }
     if (!(measured.cwiseAbs().maxCoeff() < max_shift_px)) {
       const double moved = total_criterion();
