@@ -97,7 +97,7 @@ LightErrorModel light_error_model(const BoxTable& table, std::vector<Box> cells)
           rows.middleRows(s * std::ssize(images_of_light), std::ssize(images_of_light)) =
               effects[s](images_of_light, Eigen::all);
         const Eigen::MatrixXd given = rows * unknown.matrix().asDiagonal() * rows.transpose();
-        const Eigen::ArrayXd along = given.selfadjointView<Eigen::Lower>().eigenvalues().array();
+        const Eigen::ArrayXd along = symmetric_eigenvalues(given).array();
         left_out += (along / (1.0 - along / lambda).max(1e-12)).sum() / static_cast<double>(samples * images);
       }
       // 1 for the training lights if each is left out.

@@ -135,8 +135,8 @@ TEST_F(ColourVerb, FieldsOfASessionWithAChartAreInRec709) {
       run_refield({"acquire", "colour", folder_ / "session", "-o", folder_ / "check.png", "--json"});
   ASSERT_THAT(calibrated, Succeeded());
   const auto figures = nlohmann::json::parse(calibrated.out);
-  EXPECT_LE(figures["delta_e_2000"]["median"], 1.0);
-  EXPECT_LE(figures["delta_e_2000"]["largest"], 3.0);
+  EXPECT_LE(figures["delta_e_2000"]["median"].get<double>(), 1.0);
+  EXPECT_LE(figures["delta_e_2000"]["largest"].get<double>(), 3.0);
   EXPECT_TRUE(std::filesystem::exists(folder_ / "check.png"));
 
   // The field of before does not fit the session any more.

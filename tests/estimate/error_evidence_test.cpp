@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/quality/error_evidence.h"
+#include "core/base/linear_algebra.h"
 
 #include <gtest/gtest.h>
 
@@ -58,7 +59,7 @@ class ErrorEvidenceOfAPixel : public ::testing::Test {
           y[j] = b[j];
           for (Eigen::Index k = 0; k < kernels; ++k) A(j, k) = set.columns[c][k][j];
         }
-        const Eigen::VectorXd x = A.colPivHouseholderQr().solve(y);
+        const Eigen::VectorXd x = solve_least_squares(A, y);
         for (Eigen::Index k = 0; k < kernels; ++k) predicted += x[k] * set.columns[c][k][out];
         squared += (b[out] - predicted) * (b[out] - predicted);
       }

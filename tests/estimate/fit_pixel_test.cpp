@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/fit_pixel.h"
+#include "core/base/linear_algebra.h"
 
 #include <gtest/gtest.h>
 
@@ -269,7 +270,7 @@ class SlowReference {
     const Eigen::MatrixXd G =
         scale.cwiseInverse().asDiagonal() * (A.transpose() * A) * scale.cwiseInverse().asDiagonal();
     const Eigen::VectorXd h = scale.cwiseInverse().asDiagonal() * (A.transpose() * b);
-    const double step = 1.0 / G.selfadjointView<Eigen::Lower>().eigenvalues().maxCoeff();
+    const double step = 1.0 / symmetric_eigenvalues(G).maxCoeff();
     Eigen::VectorXd x = Eigen::VectorXd::Zero(A.cols()), y = x;
     double t = 1.0;
     for (int i = 0; i < 20000; ++i) {
@@ -300,7 +301,7 @@ class SlowReference {
       const Eigen::VectorXd p = column(parent, c);
       const Eigen::VectorXd a = column(half, c);
       const Eigen::VectorXd d = a - a.dot(p) / p.squaredNorm() * p;
-      const Eigen::VectorXd perpendicular = d - A * A.householderQr().solve(d);
+      const Eigen::VectorXd perpendicular = d - A * solve_least_squares(A, d);
       sum += std::pow(d.dot(r), 2.0) / perpendicular.squaredNorm();
     }
     return sum;

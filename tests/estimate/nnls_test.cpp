@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/fit/nnls.h"
+#include "core/base/linear_algebra.h"
 
 #include <gtest/gtest.h>
 
@@ -44,7 +45,7 @@ double best_by_enumeration(const Problem& p) {
     std::vector<int> free;
     for (int k = 0; k < n; ++k)
       if (choice >> k & 1) free.push_back(k);
-    const Eigen::VectorXd x = p.G(free, free).ldlt().solve(p.h(free));
+    const Eigen::VectorXd x = solve_symmetric(p.G(free, free), p.h(free));
     if (x.minCoeff() < 0.0) continue;
     Eigen::VectorXd whole = Eigen::VectorXd::Zero(n);
     whole(free) = x;

@@ -222,7 +222,8 @@ TEST(TexelRegression, IsAtLeastAsGoodAsLeastSquaresAndRidge) {
     const Eigen::MatrixXd samples = photographs_of(stage, lights, 0.01);
     const auto field = estimate_stage(stage, lights, samples);
     const Eigen::MatrixXd by_ridge = ridge(lights, samples);
-    const Eigen::MatrixXd by_least_squares = lights.completeOrthogonalDecomposition().solve(samples);
+    const Eigen::MatrixXd by_least_squares =  // the solution of least norm
+        lights.transpose() * solve_least_squares(lights * lights.transpose(), samples);
     const std::array<Eigen::MatrixXd, 3> tests = {stage.natural_light(12, 99), stage.bars(8),
                                                   Eigen::MatrixXd::Identity(60, 60)};
     for (const Eigen::MatrixXd& test : tests) {
@@ -376,9 +377,9 @@ TEST(TexelRegression, ClassesOfTheErrorAreThoseOfTheRegression) {
       Eigen::MatrixXd samples = of_table * covariance * of_table.transpose();
       covariance *= 30.0 / samples.trace();
       samples *= 30.0 / samples.trace();
-      const Eigen::MatrixXd inverse = (samples + noise * Eigen::MatrixXd::Identity(30, 30)).inverse();
-      covariance -= covariance * of_table.transpose() * inverse * of_table * covariance;
-      const double left_out = (inverse.diagonal().cwiseInverse().array() - noise).mean();
+      const Eigen::MatrixXd precision = inverse(samples + noise * Eigen::MatrixXd::Identity(30, 30));
+      covariance -= covariance * of_table.transpose() * precision * of_table * covariance;
+      const double left_out = (precision.diagonal().cwiseInverse().array() - noise).mean();
       const double expected = (effect * covariance * effect.transpose())(0, 0) / left_out;
       // Directions are kept in single precision.
       EXPECT_NEAR(variances[prior * levels + level] / expected, 1.0, 1e-4) << prior << ' ' << level;

@@ -224,9 +224,9 @@ TEST_F(Jobs, ADryRunChecksAndForeseesButWritesNothing) {
   const auto figures = nlohmann::json::parse(log());
   EXPECT_EQ(figures["images"], 40);
   EXPECT_EQ(figures["rows"], nlohmann::json({10, 20}));
-  EXPECT_GT(figures["estimated_memory_bytes"], 0);
-  EXPECT_GT(figures["estimated_seconds_fit"], 0.0);
-  EXPECT_GT(figures["estimated_seconds"], figures["estimated_seconds_fit"]);
+  EXPECT_GT(figures["estimated_memory_bytes"].get<double>(), 0);
+  EXPECT_GT(figures["estimated_seconds_fit"].get<double>(), 0.0);
+  EXPECT_GT(figures["estimated_seconds"].get<double>(), figures["estimated_seconds_fit"].get<double>());
   EXPECT_EQ(figures["sampled_pixels"], 160);
   EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield"));
   EXPECT_FALSE(std::filesystem::exists(folder_ / "x.rfield.log.json"));
@@ -242,9 +242,9 @@ TEST_F(Jobs, TheLogIsMadeOfPlainLinesThatCarryTheTime) {
       log(), std::regex(R"(^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ estimate: 40 images, rows 0 to 7,)")))
       << log();
   const auto kept = nlohmann::json::parse(read_text(folder_ / "x.rfield.log.json"));
-  EXPECT_GE(kept["threads"], 1);
+  EXPECT_GE(kept["threads"].get<double>(), 1);
   EXPECT_EQ(kept["rows"], nlohmann::json({0, 8}));
-  EXPECT_GT(kept["estimated_memory_bytes"], 0);
+  EXPECT_GT(kept["estimated_memory_bytes"].get<double>(), 0);
   EXPECT_TRUE(kept.contains("version"));
 }
 
