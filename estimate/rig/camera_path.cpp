@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/rig/camera_path.h"
 
-#include <Eigen/Cholesky>
-
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
+
+#include "core/base/linear_algebra.h"
 
 namespace refield {
 
@@ -60,7 +60,7 @@ class PathChoice {
     }
     const MatrixXd weighted = variance_.cwiseInverse().asDiagonal() * design;
     const MatrixXd normal = weighted.transpose() * design;
-    const MatrixXd coefficients = normal.ldlt().solve(weighted.transpose() * measured_);
+    const MatrixXd coefficients = solve_least_squares(normal, weighted.transpose() * measured_);
     Candidate candidate;
     candidate.path.kind = kind;
     candidate.path.values = all * coefficients;
