@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimate/quality/error_evidence.h"
 
-#include <Eigen/Cholesky>
-
 #include "core/base/linear_algebra.h"
 #include "core/base/run_context.h"
 #include "estimate/fit/texel_regression.h"
