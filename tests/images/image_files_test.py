@@ -5,7 +5,7 @@ which image_corpus.py writes, as photographs (`refield acquire import`) and as l
 compares them with values that NumPy computes. Each variant is right, or is refused with the stated message.
 docs/reference/image-files.md lists them. A new kind is one line of `cases`.
 
-usage: tests/images/image_files_test.py PROGRAM [TEXT in the names of the cases]
+usage: tests/images/image_files_test.py PROGRAM [TEXT in the names of the cases [STEP: takes every STEPth]]
 """
 import concurrent.futures
 import io
@@ -514,8 +514,9 @@ def judge(item, program, folder):
 def main():
     program = str(pathlib.Path(sys.argv[1]).resolve())
     wanted = sys.argv[2] if len(sys.argv) > 2 else ""
+    step = int(sys.argv[3]) if len(sys.argv) > 3 else 1
     groups = (raw_cases, tiff_cases, png_cases, jpeg_cases, radiance_cases, exr_cases, setting_cases, saturation_cases)
-    items = [item for group in groups for item in group() if wanted in item["name"]]
+    items = [item for group in groups for item in group() if wanted in item["name"]][::step]
     with tempfile.TemporaryDirectory() as work, concurrent.futures.ThreadPoolExecutor(2) as pool:
         wrong = 0
         results = pool.map(lambda k: judge(items[k], program, pathlib.Path(work) / str(k)), range(len(items)))
