@@ -57,9 +57,9 @@ class PathChoice {
       for (Index i = 0; i < design.rows(); ++i) design(i, k) = columns[k](at_[i]);
       for (int j = 0; j < photographs_; ++j) all(j, k) = columns[k](j);
     }
-    const MatrixXd weighted = variance_.cwiseInverse().asDiagonal() * design;
-    const MatrixXd normal = weighted.transpose() * design;
-    const MatrixXd coefficients = solve_least_squares(normal, weighted.transpose() * measured_);
+    const VectorXd weights = variance_.cwiseSqrt().cwiseInverse();
+    const MatrixXd coefficients =
+        solve_least_squares(weights.asDiagonal() * design, weights.asDiagonal() * measured_);
     Candidate candidate;
     candidate.path.kind = kind;
     candidate.path.values = all * coefficients;
