@@ -31,6 +31,11 @@ Eigen::VectorXd solve_symmetric(const Eigen::MatrixXd& matrix, const Eigen::Vect
   return matrix.ldlt().solve(right);
 }
 
+DefiniteSolution solve_definite(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right) {
+  const Eigen::LLT<Eigen::MatrixXd> factor(matrix);
+  return {factor.solve(right), 2.0 * factor.matrixLLT().diagonal().array().log().sum()};
+}
+
 Eigen::MatrixXd solve_least_squares(const Eigen::MatrixXd& matrix, const Eigen::MatrixXd& right) {
   return matrix.colPivHouseholderQr().solve(right);
 }

@@ -31,6 +31,14 @@ SingularValues singular_values(const Eigen::MatrixXd& matrix);
 /// x of A x = b, A symmetric [n × n]; positive or negative semidefinite (LDLᵀ with pivots).
 Eigen::VectorXd solve_symmetric(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right);
 
+struct DefiniteSolution {
+  Eigen::VectorXd x;
+  double log_determinant = 0.0;  ///< of A
+};
+
+/// The same of a positive definite A, by Cholesky's factorisation.
+DefiniteSolution solve_definite(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right);
+
 /// Least squares of A x = b by columns of b (QR with column pivots).
 Eigen::MatrixXd solve_least_squares(const Eigen::MatrixXd& matrix, const Eigen::MatrixXd& right);
 

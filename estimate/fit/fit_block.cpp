@@ -133,13 +133,17 @@ HatGrid hats_of(const EstimateOptions& options, const LightDomain& domain, int i
 BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options, double mean_square,
                        std::shared_ptr<const TexelRegression> texels)
     : smooth_(table), cache_(table, smooth_, options.mode), texels_(std::move(texels)) {
-  if (options.mode == EstimateMode::refined)
+  if (options.mode == EstimateMode::refined) {
+    FitTuning tuning;
+    // Cells are more kernels than are asked for, and TexelRegression has cells of its own.
+    if (options.kernels > 0 || texels_) tuning.cells_error = std::numeric_limits<double>::infinity();
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
                    std::min(options.max_kernels(), std::max(table.images(), table.hats().count() + 5)),
-                   mean_square);
-  else
+                   mean_square, tuning);
+  } else {
     pixel_.emplace(cache_, options);
+  }
 }
 
 std::vector<PixelKernels> BlockModel::fit(std::span<const PixelSamples> samples, int width,
@@ -179,7 +183,8 @@ BlockFitter::BlockFitter(KernelCache& cache, int max_kernels, double mean_square
       gap_filler_(cache),
       shared_(cache, tuning_),
       single_(cache, tuning_),
-      weighted_(cache.table(), smooth_) {}
+      weighted_(cache.table(), smooth_),
+      cells_(cache.table(), smooth_) {}
 
 std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples, int width,
                                            std::span<const std::vector<Box>> old) {
@@ -190,7 +195,8 @@ std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples
     pixel.index = i;
     pixel.x = i % width;
     pixel.y = i / width;
-    if (!old.empty()) pixel.old_boxes = old[i];
+    // The cells of a pixel are of no use to a search.
+    if (!old.empty() && std::ssize(old[i]) <= tuning_.max_leaves) pixel.old_boxes = old[i];
     load(pixel, samples[i]);
   }
   Group block;
@@ -423,6 +429,12 @@ void BlockFitter::prune_with_gaps(const Pixel& pixel, Fitted& fitted) {
 void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
   move_edges(pixel, fitted);
   for (int k = 0; k < tuning_.split_rounds && split_boxes(pixel, fitted); ++k) move_edges(pixel, fitted);
+  try_cells(pixel, fitted);
+}
+
+void BlockFitter::try_cells(const Pixel& pixel, Fitted& fitted) {
+  if (!pixel.samples.complete || !matters(pixel, fitted.kernels, tuning_.cells_error)) return;
+  if (auto on_cells = cells_.fit(fitted.kernels, pixel.samples)) fitted.kernels = std::move(*on_cells);
 }
 
 void BlockFitter::move_edges(const Pixel& pixel, Fitted& fitted) {

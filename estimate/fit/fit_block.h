@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 #include "core/base/run_context.h"
+#include "estimate/fit/cell_fit.h"
 #include "estimate/fit/fit_pixel.h"
 #include "estimate/fit/fit_tuning.h"
 #include "estimate/fit/select_kernels.h"
@@ -123,6 +124,8 @@ class BlockFitter {
   /// Splits rectangles of a pixel whose error matters, or the whole map beside them, as far as the
   /// information criterion rewards, and moves the edges of the parts. Returns whether it split any.
   bool split_boxes(const Pixel& pixel, Fitted& fitted);
+  /// Takes the light's cells in place of rectangles that leave too much.
+  void try_cells(const Pixel& pixel, Fitted& fitted);
   /// The rectangle whose split explains most of the residual of weighted_'s last fit; their number for none.
   /// `halves`: its parts, with its weights.
   std::size_t best_split(const PixelKernels& kernels, PixelKernels& halves);
@@ -151,6 +154,7 @@ class BlockFitter {
   Search shared_;  // of a group of pixels
   Search single_;  // of one of its pixels
   WeightedFit weighted_;
+  CellFit cells_;
 };
 
 /// Hats that an estimation with these options uses.

@@ -153,7 +153,7 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
     }
     subtract_combination(residual, pointers_.data(), weight.data(), count + hats, stride_);
     std::size_t rank = 0;
-    for (std::size_t k = 0; k < count; ++k) {
+    for (std::size_t k = 0; k < count && kernels.leverage.empty(); ++k) {
       if (!(kernels.weights[3 * k + c] > 0.0f)) continue;
       const float* column = columns[k][c];
       float* q = orthonormal_.data() + rank * stride_;
@@ -165,6 +165,8 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
       if (orthonormalise(q, pointers_.data(), rank, stride_, coefficients_.data()) > 0.0f) ++rank;
     }
     leverage.assign(stride_, 0.0f);
+    if (!kernels.leverage.empty())
+      std::copy_n(kernels.leverage.data() + c * stride_, stride_, leverage.data());
     for (std::size_t i = 0; i < rank; ++i) {
       const float* q = orthonormal_.data() + i * stride_;
       for (std::size_t j = 0; j < stride_; ++j) leverage[j] += q[j] * q[j];
