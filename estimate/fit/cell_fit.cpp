@@ -18,7 +18,7 @@ constexpr int cells_per_image = 6, max_cells = 320;
 constexpr int sides_per_blur = 40;
 /// What is expected everywhere, in parts of the mean.
 constexpr double everywhere = 0.1;
-/// Variances of the weights that are tried, in units of noise / mean squared effect of a cell.
+/// Variances of the weights that are tried, in units of noise / squared effect of all cells.
 constexpr std::array variances{316.0, 1780.0, 1e4, 56200.0};
 
 /// Values over the texels of a light map, and their sums over rectangles.
@@ -120,80 +120,135 @@ std::array<double, 3> colour_of(const PixelKernels& kernels) {
   return colour;
 }
 
-}  // namespace
+/// Least squares for the weights of cells, in units of what is expected of each, given their mean.
+struct CellSystem {
+  std::vector<Box> cells;
+  std::vector<double> unit;      ///< [cells], of a weight
+  AlignedFloats columns;         ///< [cells][3 × stride], of a weight of one unit and the pixel's colour
+  std::vector<const float*> at;  ///< [cells], into columns
+  Eigen::VectorXd mean;          ///< [cells]
+  Eigen::MatrixXd gram;
+  Eigen::VectorXd with_samples;  ///< products of the columns with the samples
 
-std::optional<PixelKernels> CellFit::fit(const PixelKernels& rectangles, const MaskedSamples& samples) {
-  const std::array<double, 3> colour = colour_of(rectangles);
-  if (!(colour[0] + colour[1] + colour[2] > 0.0)) return std::nullopt;
-  TexelMap density(table_.domain());
+  int count() const { return static_cast<int>(cells.size()); }
+  std::size_t length() const { return columns.size() / cells.size(); }
+};
+
+CellSystem system_of(const BoxTable& table, const PixelKernels& rectangles,
+                     const std::array<double, 3>& colour, const AlignedFloats& samples) {
+  const LightDomain& domain = table.domain();
+  TexelMap density(domain);
   for (std::size_t k = 0; k < rectangles.boxes.size(); ++k) {
     const float* w = &rectangles.weights[3 * k];
     density.add(rectangles.boxes[k], (static_cast<double>(w[0]) + w[1] + w[2]) / 3.0);
   }
   density.integrate();
-  const int radius = std::max(std::max(table_.domain().width, table_.domain().height) / sides_per_blur, 1);
+  const int radius = std::max(std::max(domain.width, domain.height) / sides_per_blur, 1);
   const TexelMap expected =
       density.blurred(radius, 0.0).blurred(radius, everywhere * density.mean(density.all()));
-  const std::vector<Box> cells = divide(expected, std::min(cells_per_image * table_.images(), max_cells));
-
-  // Columns of the cells, the channels one behind the other, for weights in units of what is expected.
-  const int count = static_cast<int>(cells.size());
-  const std::size_t stride = table_.stride(), length = 3 * stride;
-  AlignedFloats columns(count * length), rest = samples.values;
-  std::vector<const float*> pointers(count);
-  std::vector<double> unit(count);
-  Eigen::VectorXd mean(count);
+  CellSystem system;
+  system.cells = divide(expected, std::min(cells_per_image * table.images(), max_cells));
+  const int count = system.count();
+  const std::size_t stride = table.stride(), length = 3 * stride;
+  system.columns.resize(count * length);
+  system.mean.resize(count);
   for (int i = 0; i < count; ++i) {
-    float* column = columns.data() + i * length;
-    table_.column(cells[i], column);
-    unit[i] = expected.mean(cells[i]);
-    mean[i] = std::max(density.mean(cells[i]), 0.0) / unit[i];
-    for (int c = 0; c < 3; ++c)
-      for (std::size_t j = 0; j < stride; ++j)
-        column[c * stride + j] *= static_cast<float>(unit[i] * colour[c]);
-    pointers[i] = column;
+    const Box& cell = system.cells[i];
+    const double unit = expected.mean(cell);
+    system.unit.push_back(unit);
+    system.mean[i] = std::max(density.mean(cell), 0.0) / unit;
+    float* column = system.columns.data() + i * length;
+    table.column(cell, column);
+    for (std::size_t k = 0; k < length; ++k) column[k] *= static_cast<float>(unit * colour[k / stride]);
+    system.at.push_back(column);
   }
+  std::vector<float> products(count);
+  system.gram.resize(count, count);
+  for (int i = 0; i < count; ++i) {
+    dots(system.at[i], system.at.data(), i + 1, length, products.data());
+    for (int k = 0; k <= i; ++k) system.gram(i, k) = system.gram(k, i) = products[k];
+  }
+  dots(samples.data(), system.at.data(), count, length, products.data());
+  system.with_samples = Eigen::Map<const Eigen::VectorXf>(products.data(), count).cast<double>();
+  return system;
+}
+
+double squared_sum(const AlignedFloats& values) {
+  double sum = 0.0;
+  for (const float value : values) sum += static_cast<double>(value) * value;
+  return sum;
+}
+
+/// What the evidence is for.
+struct CellChoice {
+  double ridge = 0.0;       ///< noise variance / variance of a weight; 0 for the rectangles
+  Eigen::VectorXd weights;  ///< not bounded
+};
+
+/// The variance of the weights for which the evidence is greatest, with the noise that suits it best, or the
+/// rectangles, where their criterion is lower. `squared`: squared sum of the samples without the hats' part.
+CellChoice choose(const CellSystem& system, double squared, const PixelKernels& rectangles,
+                  const MaskedSamples& samples) {
+  const Eigen::VectorXd of_mean = system.gram * system.mean;
+  const Eigen::VectorXd with_rest = system.with_samples - of_mean;
+  const double squared_rest = squared + system.mean.dot(of_mean) - 2.0 * system.mean.dot(system.with_samples);
+  const int count = system.count(), measured = samples.count_sum();
+  const int parameters = static_cast<int>(rectangles.boxes.size()) + 2;
+  double best_criterion = criterion_of(rectangles, measured, 0.0);
+  CellChoice best;
+  const auto try_variance = [&](double variance) {
+    const double ridge = system.gram.trace() / variance;
+    const DefiniteSolution solution =
+        solve_definite(system.gram + ridge * Eigen::MatrixXd::Identity(count, count), with_rest);
+    const double criterion = information_criterion(squared_rest - with_rest.dot(solution.x),
+                                                   samples.squared_sum(), measured, parameters) +
+                             solution.log_determinant - count * std::log(ridge);
+    if (criterion < best_criterion) {
+      best_criterion = criterion;
+      best = {ridge, system.mean + solution.x};
+    }
+    return criterion;
+  };
+  // The evidence has one maximum, and the two in the middle tell on which side of them it is.
+  const double low = try_variance(variances[1]), high = try_variance(variances[2]);
+  try_variance(low < high ? variances[0] : variances[3]);
+  return best;
+}
+
+/// How far the fit follows each sample, [3 × stride]: the diagonal of Q (QᵀQ + ridge)⁻¹ Qᵀ, of the cells that
+/// have weight. `gram`: with the ridge.
+std::vector<float> leverage_of(const CellSystem& system, const std::vector<int>& kept) {
+  const Eigen::MatrixXd among_kept = system.gram(kept, kept);
+  const Eigen::MatrixXf inner = inverse(among_kept).cast<float>();
+  const auto length = static_cast<Eigen::Index>(system.length());
+  Eigen::MatrixXf columns(length, static_cast<Eigen::Index>(kept.size()));
+  for (std::size_t k = 0; k < kept.size(); ++k)
+    columns.col(static_cast<Eigen::Index>(k)) = Eigen::Map<const Eigen::VectorXf>(system.at[kept[k]], length);
+  const Eigen::VectorXf leverage = (columns * inner).cwiseProduct(columns).rowwise().sum();
+  return {leverage.begin(), leverage.end()};
+}
+
+}  // namespace
+
+std::optional<PixelKernels> CellFit::fit(const PixelKernels& rectangles, const MaskedSamples& samples) {
+  const std::array<double, 3> colour = colour_of(rectangles);
+  if (!(colour[0] + colour[1] + colour[2] > 0.0)) return std::nullopt;
+  AlignedFloats rest = samples.values;  // without the hats' part
   for (std::size_t h = 0; h < rectangles.smooth.size() / 3; ++h)
     for (int c = 0; c < 3; ++c) {
       const float* hat = smooth_.hat_column(static_cast<int>(h), c);
-      subtract_combination(rest.data() + c * stride, &hat, &rectangles.smooth[3 * h + c], 1, stride);
+      subtract_combination(rest.data() + c * table_.stride(), &hat, &rectangles.smooth[3 * h + c], 1,
+                           table_.stride());
     }
-  std::vector<float> products(count);
-  Eigen::MatrixXd gram(count, count);
-  for (int i = 0; i < count; ++i) {
-    dots(pointers[i], pointers.data(), i + 1, length, products.data());
-    for (int k = 0; k <= i; ++k) gram(i, k) = gram(k, i) = products[k];
-  }
-  dots(rest.data(), pointers.data(), count, length, products.data());
-  const Eigen::VectorXd with_samples =
-      Eigen::Map<const Eigen::VectorXf>(products.data(), count).cast<double>();
-  const Eigen::VectorXd with_rest = with_samples - gram * mean;
-  const double mean_effect = gram.trace() / count;
-  double squared = 0.0;
-  for (const float value : rest) squared += static_cast<double>(value) * value;
-  squared += mean.dot(gram * mean) - 2.0 * mean.dot(with_samples);
+  CellSystem system = system_of(table_, rectangles, colour, rest);
+  const CellChoice choice = choose(system, squared_sum(rest), rectangles, samples);
+  if (!(choice.ridge > 0.0)) return std::nullopt;
 
-  // The evidence of each variance, with the noise that suits it best.
-  const int measured = samples.count_sum();
-  double best_ridge = 0.0, best_criterion = criterion_of(rectangles, measured, 0.0);
-  const int parameters = static_cast<int>(rectangles.boxes.size()) + 2;
-  for (const double variance : variances) {
-    const double ridge = count * mean_effect / variance;
-    const DefiniteSolution solution =
-        solve_definite(gram + ridge * Eigen::MatrixXd::Identity(count, count), with_rest);
-    const double residual = squared - with_rest.dot(solution.x);
-    const double criterion = information_criterion(residual, samples.squared_sum(), measured, parameters) +
-                             solution.log_determinant - count * std::log(ridge);
-    if (!(criterion < best_criterion)) continue;
-    best_criterion = criterion;
-    best_ridge = ridge;
-  }
-  if (!(best_ridge > 0.0)) return std::nullopt;
-
-  gram.diagonal().array() += best_ridge;
-  const Eigen::VectorXd right = with_samples + best_ridge * mean;
-  Eigen::VectorXd weights = mean;
-  nnls_.solve(gram.data(), count, right.data(), count, weights.data());
+  const int count = system.count();
+  system.gram.diagonal().array() += choice.ridge;
+  const Eigen::VectorXd right = system.with_samples + choice.ridge * system.mean;
+  Eigen::VectorXd weights = choice.weights.cwiseMax(0.0);
+  nnls_.solve(system.gram.data(), count, right.data(), count, weights.data());
   PixelKernels kernels;
   kernels.smooth = rectangles.smooth;
   kernels.squared_samples = rectangles.squared_samples;
@@ -201,22 +256,15 @@ std::optional<PixelKernels> CellFit::fit(const PixelKernels& rectangles, const M
   for (int i = 0; i < count; ++i) {
     if (!(weights[i] > 0.0)) continue;
     kept.push_back(i);
-    kernels.boxes.push_back(cells[i]);
-    for (int c = 0; c < 3; ++c)
-      kernels.weights.push_back(static_cast<float>(weights[i] * unit[i] * colour[c]));
+    kernels.boxes.push_back(system.cells[i]);
+    for (const double of_channel : colour)
+      kernels.weights.push_back(static_cast<float>(weights[i] * system.unit[i] * of_channel));
     const auto weight = static_cast<float>(weights[i]);
-    subtract_combination(rest.data(), &pointers[i], &weight, 1, length);
+    subtract_combination(rest.data(), &system.at[i], &weight, 1, system.length());
   }
-  for (const float value : rest) kernels.squared_residual += static_cast<double>(value) * value;
-  // Qᵀ (G + ridge)⁻¹ Q of the cells that are left.
-  const Eigen::MatrixXd among_kept = gram(kept, kept);
-  const Eigen::MatrixXf inner = inverse(among_kept).cast<float>();
-  Eigen::MatrixXf of_kept(static_cast<Eigen::Index>(kept.size()), static_cast<Eigen::Index>(length));
-  for (std::size_t k = 0; k < kept.size(); ++k)
-    of_kept.row(static_cast<Eigen::Index>(k)) =
-        Eigen::Map<const Eigen::RowVectorXf>(pointers[kept[k]], static_cast<Eigen::Index>(length));
-  const Eigen::VectorXf leverage = (inner * of_kept).cwiseProduct(of_kept).colwise().sum().transpose();
-  kernels.leverage.assign(leverage.data(), leverage.data() + leverage.size());
+  if (kept.empty()) return std::nullopt;
+  kernels.squared_residual = squared_sum(rest);
+  kernels.leverage = leverage_of(system, kept);
   return kernels;
 }
 
