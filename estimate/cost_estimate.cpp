@@ -8,6 +8,7 @@
 #include "core/base/units.h"
 #include "core/field/reflectance_field.h"
 #include "core/image/image_io.h"
+#include "estimate/fit/cell_fit.h"
 #include "estimate/job/estimate_band.h"
 #include "estimate/quality/frame_check.h"
 
@@ -79,7 +80,7 @@ EstimatePlan plan_job(const EstimateJob& job, const EstimateOptions& options, Fi
   };
   const auto needed = [&](std::uint64_t threads, std::uint64_t rows, std::uint64_t held) {
     return shared + rows * row_of_kernels + held * row_of_samples +
-           threads * (bytes_of_a_thread(options) + held * row_of_thread);
+           threads * (bytes_of_a_thread(options) + CellFit::bytes(session.light) + held * row_of_thread);
   };
   // Fewer threads need less; asked for, they are kept.
   std::uint64_t threads = thread_count(options);

@@ -36,7 +36,7 @@ struct DefiniteSolution {
   double log_determinant = 0.0;  ///< of A
 };
 
-/// The same of a positive definite A, by Cholesky's factorisation.
+/// x of A x = b, A symmetric and positive definite, by Cholesky's factorisation; not finite for other A.
 DefiniteSolution solve_definite(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right);
 
 /// Least squares of A x = b by columns of b (QR with column pivots).

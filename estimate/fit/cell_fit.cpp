@@ -12,13 +12,13 @@ namespace refield {
 
 namespace {
 
-/// Cells per image, and their largest number: the time grows with its cube.
+/// Cells per image, and their largest number: of the usual light maps the time grows with its cube.
 constexpr int cells_per_image = 6, max_cells = 320;
 /// The blur of the rectangles, in parts of the light map's longer side: as far as their edges err.
 constexpr int sides_per_blur = 40;
 /// What is expected everywhere, in parts of the mean.
 constexpr double everywhere = 0.1;
-/// Variances of the weights that are tried, in units of noise / squared effect of all cells.
+/// Variances of the weights that are tried, in units of noise / squared effect of all cells on all samples.
 constexpr std::array variances{316.0, 1780.0, 1e4, 56200.0};
 
 /// Values over the texels of a light map, and their sums over rectangles.
@@ -47,15 +47,14 @@ class TexelMap {
   double mean(const Box& box) const { return sum(box) / static_cast<double>(box.area()); }
   Box all() const { return {0, 0, width_, height_}; }
 
-  /// Means over squares of 2 `radius` + 1 texels, dark beyond the map, plus `offset`.
+  /// Means over squares of 2 `radius` + 1 texels, as far as they lie in the map, plus `offset`.
   TexelMap blurred(int radius, double offset) const {
     TexelMap result(*this);
-    const double per_texel = 1.0 / ((2.0 * radius + 1.0) * (2.0 * radius + 1.0));
     for (int y = 0; y < height_; ++y)
       for (int x = 0; x < width_; ++x)
         result.at(x, y) =
-            offset + per_texel * sum({std::max(x - radius, 0), std::max(y - radius, 0),
-                                      std::min(x + radius + 1, width_), std::min(y + radius + 1, height_)});
+            offset + mean({std::max(x - radius, 0), std::max(y - radius, 0), std::min(x + radius + 1, width_),
+                           std::min(y + radius + 1, height_)});
     result.from_values();
     return result;
   }
@@ -193,6 +192,7 @@ CellChoice choose(const CellSystem& system, double squared, const PixelKernels& 
   const Eigen::VectorXd with_rest = system.with_samples - of_mean;
   const double squared_rest = squared + system.mean.dot(of_mean) - 2.0 * system.mean.dot(system.with_samples);
   const int count = system.count(), measured = samples.count_sum();
+  // The mean's, the noise and the variance.
   const int parameters = static_cast<int>(rectangles.boxes.size()) + 2;
   double best_criterion = criterion_of(rectangles, measured, 0.0);
   CellChoice best;
@@ -200,35 +200,49 @@ CellChoice choose(const CellSystem& system, double squared, const PixelKernels& 
     const double ridge = system.gram.trace() / variance;
     const DefiniteSolution solution =
         solve_definite(system.gram + ridge * Eigen::MatrixXd::Identity(count, count), with_rest);
-    const double criterion = information_criterion(squared_rest - with_rest.dot(solution.x),
-                                                   samples.squared_sum(), measured, parameters) +
-                             solution.log_determinant - count * std::log(ridge);
+    const double evidence = solution.log_determinant - count * std::log(ridge);
+    const double criterion = evidence + information_criterion(squared_rest - with_rest.dot(solution.x),
+                                                              samples.squared_sum(), measured, parameters);
     if (criterion < best_criterion) {
       best_criterion = criterion;
       best = {ridge, system.mean + solution.x};
     }
     return criterion;
   };
-  // The evidence has one maximum, and the two in the middle tell on which side of them it is.
+  // The evidence is taken to have one maximum; the two in the middle tell on which side of them it is.
   const double low = try_variance(variances[1]), high = try_variance(variances[2]);
   try_variance(low < high ? variances[0] : variances[3]);
   return best;
 }
 
-/// How far the fit follows each sample, [3 × stride]: the diagonal of Q (QᵀQ + ridge)⁻¹ Qᵀ, of the cells that
-/// have weight. `gram`: with the ridge.
-std::vector<float> leverage_of(const CellSystem& system, const std::vector<int>& kept) {
+/// PixelKernels::leverage: of each image the block of Q (QᵀQ + ridge)⁻¹ Qᵀ, of the cells that have weight.
+std::vector<float> leverage_of(const CellSystem& system, const std::vector<int>& kept,
+                               const BoxTable& table) {
   const Eigen::MatrixXd among_kept = system.gram(kept, kept);
   const Eigen::MatrixXf inner = inverse(among_kept).cast<float>();
   const auto length = static_cast<Eigen::Index>(system.length());
   Eigen::MatrixXf columns(length, static_cast<Eigen::Index>(kept.size()));
   for (std::size_t k = 0; k < kept.size(); ++k)
     columns.col(static_cast<Eigen::Index>(k)) = Eigen::Map<const Eigen::VectorXf>(system.at[kept[k]], length);
-  const Eigen::VectorXf leverage = (columns * inner).cwiseProduct(columns).rowwise().sum();
-  return {leverage.begin(), leverage.end()};
+  const Eigen::MatrixXf spread = columns * inner;
+  const Eigen::Index images = table.images(), stride = length / 3;
+  std::vector<float> leverage(static_cast<std::size_t>(9 * images));
+  for (int c = 0; c < 3; ++c)
+    for (int other = 0; other < 3; ++other) {
+      const Eigen::VectorXf along = spread.middleRows(c * stride, images)
+                                        .cwiseProduct(columns.middleRows(other * stride, images))
+                                        .rowwise()
+                                        .sum();
+      for (Eigen::Index j = 0; j < images; ++j) leverage[9 * j + 3 * c + other] = along[j];
+    }
+  return leverage;
 }
 
 }  // namespace
+
+std::uint64_t CellFit::bytes(const LightDomain& domain) {
+  return 3 * sizeof(double) * (domain.width + std::uint64_t{1}) * (domain.height + std::uint64_t{1});
+}
 
 std::optional<PixelKernels> CellFit::fit(const PixelKernels& rectangles, const MaskedSamples& samples) {
   const std::array<double, 3> colour = colour_of(rectangles);
@@ -262,9 +276,10 @@ std::optional<PixelKernels> CellFit::fit(const PixelKernels& rectangles, const M
     const auto weight = static_cast<float>(weights[i]);
     subtract_combination(rest.data(), &system.at[i], &weight, 1, system.length());
   }
-  if (kept.empty()) return std::nullopt;
   kernels.squared_residual = squared_sum(rest);
-  kernels.leverage = leverage_of(system, kept);
+  // The bounds may cost what the weights have gained.
+  if (kept.empty() || !(kernels.squared_residual < rectangles.squared_residual)) return std::nullopt;
+  kernels.leverage = leverage_of(system, kept, table_);
   return kernels;
 }
 

@@ -11,7 +11,8 @@ namespace refield {
 /// variables: their mean and their standard deviation are what the rectangles say there, blurred for the
 /// latter, times a factor that the evidence of the samples decides. The channels share the weights but for
 /// the colour of the rectangles, so that each channel is a sample of its own; hats keep theirs. (Bayesian
-/// linear regression and its evidence: Rasmussen and Williams 2006, section 2.1 and chapter 5.)
+/// linear regression and its evidence: Rasmussen and Williams 2006, section 2.1 and chapter 5; that the mean
+/// comes from the same samples is left out of account but for the number of rectangles.)
 class CellFit {
  public:
   CellFit(const BoxTable& table, const SmoothSpace& smooth) : table_(table), smooth_(smooth) {}
@@ -19,6 +20,8 @@ class CellFit {
   /// The pixel on cells, non-negative, with its leverage; null where the evidence, with what the rectangles
   /// cost in the information criterion, is for the rectangles. For complete samples.
   std::optional<PixelKernels> fit(const PixelKernels& rectangles, const MaskedSamples& samples);
+  /// Of what it holds during a fit, the maps over the light's texels.
+  static std::uint64_t bytes(const LightDomain& domain);
 
  private:
   const BoxTable& table_;

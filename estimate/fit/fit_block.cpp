@@ -136,7 +136,7 @@ BlockModel::BlockModel(const BoxTable& table, const EstimateOptions& options, do
   if (options.mode == EstimateMode::refined) {
     FitTuning tuning;
     // Cells are more kernels than are asked for, and TexelRegression has cells of its own.
-    if (options.kernels > 0 || texels_) tuning.cells_error = std::numeric_limits<double>::infinity();
+    tuning.fits_cells = options.kernels == 0 && !texels_;
     // A part of the images keeps the hats of all; they leave room for rectangles.
     block_.emplace(cache_,
                    std::min(options.max_kernels(), std::max(table.images(), table.hats().count() + 5)),
@@ -195,8 +195,8 @@ std::vector<PixelKernels> BlockFitter::fit(std::span<const PixelSamples> samples
     pixel.index = i;
     pixel.x = i % width;
     pixel.y = i / width;
-    // The cells of a pixel are of no use to a search.
-    if (!old.empty() && std::ssize(old[i]) <= tuning_.max_leaves) pixel.old_boxes = old[i];
+    // More are cells, which are of no use to a search.
+    if (!old.empty() && std::ssize(old[i]) <= max_kernels_) pixel.old_boxes = old[i];
     load(pixel, samples[i]);
   }
   Group block;
@@ -245,7 +245,8 @@ void BlockFitter::fit_group(const Group& group, std::vector<Group>& pending) {
                             });
   if (is_block) worst.fitted = fit_from(worst, shared_, hints);
   if (auto alone = fit_better_alone(worst, group.reuses_old, hints)) {
-    refine(worst, *alone);
+    // Together with others of its quarter it is fitted again.
+    if (group.side_px == 2 || group.reuses_old) refine(worst, *alone);
     worst.fitted = std::move(*alone);
     divide(group, worst, pending);
     return;
@@ -433,7 +434,8 @@ void BlockFitter::refine(const Pixel& pixel, Fitted& fitted) {
 }
 
 void BlockFitter::try_cells(const Pixel& pixel, Fitted& fitted) {
-  if (!pixel.samples.complete || !matters(pixel, fitted.kernels, tuning_.cells_error)) return;
+  if (!tuning_.fits_cells || !pixel.samples.complete || !matters(pixel, fitted.kernels, tuning_.cells_error))
+    return;
   if (auto on_cells = cells_.fit(fitted.kernels, pixel.samples)) fitted.kernels = std::move(*on_cells);
 }
 

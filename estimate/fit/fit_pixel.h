@@ -17,10 +17,10 @@ struct PixelKernels {
   std::vector<float> smooth;      ///< [hats × 3], ≥ 0; empty without a smooth part
   double squared_residual = 0.0;  ///< over images and channels
   double squared_samples = 0.0;   ///< Σ b² over images and channels
-  /// Of a CellFit, by channels and images as samples are: how far its fit follows each sample. Not kept on
-  /// disk.
+  /// Of a CellFit, [images × 3 × 3]: how far its fit to the channels of an image follows each of these
+  /// samples. Not kept on disk.
   std::vector<float> leverage;
-  /// Weights of light cells and not of rectangles that a search found. Not kept on disk.
+  /// Weights that TexelRegression found, of its cells. Not kept on disk.
   bool is_on_cells = false;
   /// What TexelRegression selected for the pixel, whichever model it uses: index of the prior ×
   /// cell_noise_levels + that of the noise; −1 for light with many degrees of freedom. Not kept on disk.

@@ -56,9 +56,10 @@ struct FitTuning {
   double residual_worth_a_tree = 3.0;
   /// Rectangles of pixels with a larger error are split after the tree; 0.05 has 3 % more error under bars.
   double split_error = 0.01;
-  /// Pixels with a larger error than this after all splits are fitted on cells of the light map. Of 0.03 they
-  /// are twice as many, and the picture's error is 1 to 2 % smaller.
+  /// Pixels with a larger error than this after all splits are fitted on cells of the light map. With 0.03
+  /// they are twice as many, and the picture's error is 1 to 2 % smaller.
   double cells_error = 0.05;
+  bool fits_cells = true;
 
   // Iterations.
 

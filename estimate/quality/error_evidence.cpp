@@ -127,6 +127,7 @@ bool is_error_known(const BoxTable& table, const TexelRegression* texels) {
 double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& cache,
                                      const MaskedSamples& samples, float* residuals) {
   if (kernels.is_on_cells) return texels_->of_all()->leave_one_out(kernels, samples, residuals);
+  if (!kernels.leverage.empty()) return leave_images_out(kernels, samples, residuals);
   const std::size_t count = kernels.boxes.size();
   const int hats = static_cast<int>(kernels.smooth.size()) / 3;
   orthonormal_.resize(std::max(count, std::size_t{1}) * stride_);
@@ -153,7 +154,7 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
     }
     subtract_combination(residual, pointers_.data(), weight.data(), count + hats, stride_);
     std::size_t rank = 0;
-    for (std::size_t k = 0; k < count && kernels.leverage.empty(); ++k) {
+    for (std::size_t k = 0; k < count; ++k) {
       if (!(kernels.weights[3 * k + c] > 0.0f)) continue;
       const float* column = columns[k][c];
       float* q = orthonormal_.data() + rank * stride_;
@@ -165,8 +166,6 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
       if (orthonormalise(q, pointers_.data(), rank, stride_, coefficients_.data()) > 0.0f) ++rank;
     }
     leverage.assign(stride_, 0.0f);
-    if (!kernels.leverage.empty())
-      std::copy_n(kernels.leverage.data() + c * stride_, stride_, leverage.data());
     for (std::size_t i = 0; i < rank; ++i) {
       const float* q = orthonormal_.data() + i * stride_;
       for (std::size_t j = 0; j < stride_; ++j) leverage[j] += q[j] * q[j];
@@ -193,6 +192,43 @@ double ErrorEvaluator::leave_one_out(const PixelKernels& kernels, KernelCache& c
       squared += static_cast<double>(r) * r;
     }
   }
+  return squared;
+}
+
+double ErrorEvaluator::leave_images_out(const PixelKernels& kernels, const MaskedSamples& samples,
+                                        float* residuals) {
+  predict(kernels);
+  double squared = 0.0;
+  for (const std::vector<int>& group : members_of(table_.light_groups())) {
+    // Rows of one light are parallel, so that the block of the group is that of their sum, in proportion s
+    // sᵀ.
+    Eigen::MatrixXd block = Eigen::MatrixXd::Zero(3, 3);
+    for (const int j : group)
+      block += Eigen::Map<const Eigen::Matrix3f>(&kernels.leverage[9 * j]).cast<double>();
+    const double trace = block.trace();
+    const auto share = [&](int j) {
+      const float* own = &kernels.leverage[9 * j];
+      return trace > 0.0 ? std::sqrt((own[0] + own[4] + own[8]) / trace) : 0.0;
+    };
+    const auto residual = [&](int j, int c) {
+      return static_cast<double>(samples.values[c * stride_ + j]) - predicted_[c * stride_ + j];
+    };
+    Eigen::Vector3d together = Eigen::Vector3d::Zero();
+    for (const int j : group)
+      for (int c = 0; c < 3; ++c) together[c] += share(j) * residual(j, c);
+    const SymmetricEigen eigen = symmetric_eigen(0.5 * (block + block.transpose()));
+    const Eigen::Array3d gain = eigen.values.array() / (1.0 - eigen.values.array()).max(least_freedom);
+    const Eigen::Vector3d followed =
+        eigen.vectors * (gain * (eigen.vectors.transpose() * together).array()).matrix();
+    for (const int j : group)
+      for (int c = 0; c < 3; ++c) {
+        const double left_out = (residual(j, c) + share(j) * followed[c]) / table_.image_weights()[j];
+        residuals[c * stride_ + j] = static_cast<float>(left_out);
+        squared += left_out * left_out;
+      }
+  }
+  for (int c = 0; c < 3; ++c)
+    std::fill(residuals + c * stride_ + images_, residuals + (c + 1) * stride_, 0.0f);
   return squared;
 }
 

@@ -72,6 +72,8 @@ class ErrorEvaluator {
   static constexpr std::size_t part_cache_bytes = 8u << 20;
 
  private:
+  /// The same of a CellFit, whose channels share the weights: those of an image are left out together.
+  double leave_images_out(const PixelKernels& kernels, const MaskedSamples& samples, float* residuals);
   /// A fit to some of the images.
   struct Part {
     Part(const BoxTable& all, std::vector<int> seen_images, const EstimateOptions& options,
