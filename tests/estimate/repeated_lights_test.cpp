@@ -293,8 +293,7 @@ class RepeatedCapture : public ::testing::Test {
 };
 
 TEST_F(RepeatedCapture, PredictedErrorIsThatOfNewLights) {
-  for (const std::vector<float>& factors :
-       {std::vector<float>{}, {1.0f}, {0.25f}, {1.0f, 0.25f, 0.25f}}) {
+  for (const std::vector<float>& factors : {std::vector<float>{}, {1.0f}, {0.25f}, {1.0f, 0.25f, 0.25f}}) {
     const double found = ratio(estimated(capture(30, factors)));
     EXPECT_GT(found, 0.8) << factors.size() + 1 << " times";
     EXPECT_LT(found, 1.25) << factors.size() + 1 << " times";
