@@ -21,13 +21,12 @@ constexpr double everywhere = 0.1;
 /// Variances of the weights that are tried, in units of noise / squared effect of all cells on all samples.
 constexpr std::array variances{316.0, 1780.0, 1e4, 56200.0};
 
-/// Values over the texels of a light map, and their sums over rectangles.
+/// Values over the texels of a light map, and their sums over rectangles. One channel and one thread, unlike
+/// SummedAreaTable: a pixel is fitted within a parallel loop.
 class TexelMap {
  public:
-  explicit TexelMap(const LightDomain& domain)
-      : width_(domain.width),
-        height_(domain.height),
-        sums_(static_cast<std::size_t>(width_ + 1) * (height_ + 1), 0.0) {}
+  TexelMap(int width, int height)
+      : width_(width), height_(height), sums_(static_cast<std::size_t>(width_ + 1) * (height_ + 1), 0.0) {}
 
   /// Adds to all texels of a rectangle; before integrate().
   void add(const Box& box, double value) {
@@ -39,7 +38,11 @@ class TexelMap {
   /// From what add() noted to sums over all texels above and to the left.
   void integrate() {
     accumulate();  // the values, each in its texel's upper left corner
-    from_values();
+    for (int y = height_; y > 0; --y)
+      for (int x = width_; x > 0; --x) at(x, y) = at(x - 1, y - 1);
+    for (int x = 0; x <= width_; ++x) at(x, 0) = 0.0;
+    for (int y = 0; y <= height_; ++y) at(0, y) = 0.0;
+    accumulate();
   }
   double sum(const Box& box) const {
     return (at(box.x1, box.y1) - at(box.x0, box.y1)) - (at(box.x1, box.y0) - at(box.x0, box.y0));
@@ -49,13 +52,13 @@ class TexelMap {
 
   /// Means over squares of 2 `radius` + 1 texels, as far as they lie in the map, plus `offset`.
   TexelMap blurred(int radius, double offset) const {
-    TexelMap result(*this);
+    TexelMap result(width_, height_);
     for (int y = 0; y < height_; ++y)
       for (int x = 0; x < width_; ++x)
-        result.at(x, y) =
+        result.at(x + 1, y + 1) =
             offset + mean({std::max(x - radius, 0), std::max(y - radius, 0), std::min(x + radius + 1, width_),
                            std::min(y + radius + 1, height_)});
-    result.from_values();
+    result.accumulate();
     return result;
   }
 
@@ -67,14 +70,6 @@ class TexelMap {
       for (int x = 0; x <= width_; ++x)
         at(x, y) += (x > 0 ? at(x - 1, y) : 0.0) + (y > 0 ? at(x, y - 1) : 0.0) -
                     (x > 0 && y > 0 ? at(x - 1, y - 1) : 0.0);
-  }
-  /// Sums in place of values, which lie at (x, y).
-  void from_values() {
-    for (int y = height_; y > 0; --y)
-      for (int x = width_; x > 0; --x) at(x, y) = at(x - 1, y - 1);
-    for (int x = 0; x <= width_; ++x) at(x, 0) = 0.0;
-    for (int y = 0; y <= height_; ++y) at(0, y) = 0.0;
-    accumulate();
   }
 
   int width_, height_;
@@ -88,13 +83,13 @@ std::vector<Box> divide(const TexelMap& map, int count) {
   };
   std::priority_queue<std::pair<double, Box>, std::vector<std::pair<double, Box>>, decltype(darker)> cells(
       darker);
-  std::vector<Box> texels;
+  std::vector<Box> finished;  // texels
   cells.emplace(map.sum(map.all()), map.all());
-  while (!cells.empty() && static_cast<int>(cells.size() + texels.size()) < count) {
+  while (!cells.empty() && static_cast<int>(cells.size() + finished.size()) < count) {
     const Box box = cells.top().second;
     cells.pop();
     if (box.area() == 1) {
-      texels.push_back(box);
+      finished.push_back(box);
       continue;
     }
     Box first = box, second = box;
@@ -104,8 +99,8 @@ std::vector<Box> divide(const TexelMap& map, int count) {
       first.y1 = second.y0 = (box.y0 + box.y1) / 2;
     for (const Box& half : {first, second}) cells.emplace(map.sum(half), half);
   }
-  for (; !cells.empty(); cells.pop()) texels.push_back(cells.top().second);
-  return texels;
+  for (; !cells.empty(); cells.pop()) finished.push_back(cells.top().second);
+  return finished;
 }
 
 /// The rectangles' colour, of mean 1; black without light.
@@ -136,7 +131,7 @@ struct CellSystem {
 CellSystem system_of(const BoxTable& table, const PixelKernels& rectangles,
                      const std::array<double, 3>& colour, const AlignedFloats& samples) {
   const LightDomain& domain = table.domain();
-  TexelMap density(domain);
+  TexelMap density(domain.width, domain.height);
   for (std::size_t k = 0; k < rectangles.boxes.size(); ++k) {
     const float* w = &rectangles.weights[3 * k];
     density.add(rectangles.boxes[k], (static_cast<double>(w[0]) + w[1] + w[2]) / 3.0);

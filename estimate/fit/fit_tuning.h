@@ -59,6 +59,7 @@ struct FitTuning {
   /// Pixels with a larger error than this after all splits are fitted on cells of the light map. With 0.03
   /// they are twice as many, and the picture's error is 1 to 2 % smaller.
   double cells_error = 0.05;
+  /// Whether they are: not with a limit of kernels, nor beside TexelRegression.
   bool fits_cells = true;
 
   // Iterations.

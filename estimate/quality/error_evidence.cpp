@@ -200,8 +200,7 @@ double ErrorEvaluator::leave_images_out(const PixelKernels& kernels, const Maske
   predict(kernels);
   double squared = 0.0;
   for (const std::vector<int>& group : members_of(table_.light_groups())) {
-    // Rows of one light are parallel, so that the block of the group is that of their sum, in proportion s
-    // sᵀ.
+    // Rows of one light are parallel: an image's part of the group is s² of the sum of their blocks.
     Eigen::MatrixXd block = Eigen::MatrixXd::Zero(3, 3);
     for (const int j : group)
       block += Eigen::Map<const Eigen::Matrix3f>(&kernels.leverage[9 * j]).cast<double>();
